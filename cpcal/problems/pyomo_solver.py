@@ -116,18 +116,24 @@ class PyomoCpcal(SolverBase):  # type: ignore[misc]
         return results
 
     def _fill(self, results: Results, model: Any, config: CpcalConfig) -> None:
-        text = io.StringIO()
+        text, goals = io.StringIO(), model.component_data_objects(Objective, active=True)
+        system = next(iter(goals), None) is None  # though the format has objectives always
+        if system:
+            model._cpcal_objective = Objective(expr=0.0)
         try:
-            info = _written(model, text)
+            info = NLWriter().write(model, text, linear_presolve=False, scale_model=False)
         except InfeasibleConstraintException as reason:  # of constants alone
             results.termination_condition = TerminationCondition.provenInfeasible
             results.extra_info.sentence = str(reason)
             return
+        finally:
+            if system:
+                model.del_component("_cpcal_objective")
         if not info.variables:
             results.termination_condition = TerminationCondition.emptyModel
             return
         problem = read_nl(text.getvalue(), model.name)
-        if _is_system(model):
+        if system:
             problem = replace(problem, objective=None)
         limits = Limits(
             seconds=config.time_limit,
@@ -142,23 +148,6 @@ class PyomoCpcal(SolverBase):  # type: ignore[misc]
 def _said(results: Results) -> str:
     """What the answer says in a sentence, for an error."""
     return str(getattr(results.extra_info, "sentence", "no solution was found"))
-
-
-def _written(model: Any, text: io.StringIO) -> Any:
-    """The model in the .nl format, with nothing eliminated or scaled. A model without an objective is a system."""
-    none = _is_system(model)
-    if none:
-        model._cpcal_objective = Objective(expr=0.0)
-    try:
-        return NLWriter().write(model, text, linear_presolve=False, scale_model=False)
-    finally:
-        if none:
-            model.del_component("_cpcal_objective")
-
-
-def _is_system(model: Any) -> bool:
-    """Whether nothing is to be minimised."""
-    return next(iter(model.component_data_objects(Objective, active=True)), None) is None
 
 
 def _translated(found: Answer, results: Results, config: CpcalConfig, model: Any, variables: Sequence[Any]) -> None:

@@ -10,6 +10,7 @@ Both come from one sweep from each element to its leaves.
 
 from __future__ import annotations
 
+import math
 import operator
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -24,7 +25,7 @@ from cpcal.common.values import Bools, Floats
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network.expression import Constraint, Expr, Operand, as_expr, folded, topological
 from cpcal.solver.network.network import ConstraintNetwork
-from cpcal.solver.network.polynomial import one_sided
+from cpcal.solver.network.polynomial import one_sided, sign_of
 from cpcal.solver.network.tape import Tape
 
 
@@ -189,14 +190,8 @@ def _product(network: ConstraintNetwork, row: Expr) -> tuple[Expr, float] | None
     numerator, divisors = folded(row, _Ratio().of_node)
     if not divisors or divisors.total() > _MOST:
         return None
-    sign = 1.0
-    for divisor, count in divisors.items():
-        values = evaluate(network, divisor, network.domain)
-        one = float(np.all(values.lo > 0.0)) - float(np.all(values.hi < 0.0))
-        if not one:
-            return None
-        sign *= one**count
-    return numerator, sign
+    sign = math.prod(sign_of(network, divisor) ** count for divisor, count in divisors.items())
+    return (numerator, float(sign)) if sign else None
 
 
 class _Ratio:

@@ -21,7 +21,7 @@ from cpcal.solver.interval.operations import CODES
 from cpcal.solver.network import coefficient as coef
 from cpcal.solver.network.expression import Constraint, Expr, as_expr, sqr, topological
 from cpcal.solver.network.network import ConstraintNetwork, passes_down
-from cpcal.solver.network.tape import ReadingSets
+from cpcal.solver.network.tape import ReadingSets, Tape
 
 Monomial = tuple[int, ...]
 Monomials = tuple[Monomial, ...]
@@ -316,10 +316,11 @@ def terms(expr: Expr) -> list[Term]:
     return out
 
 
-def _sign(factor: Expr) -> int:
-    """1 or -1 for a constant of one sign, else 0."""
-    value = coef.total(Expander(ConstraintNetwork(), (factor,)).expand(factor).constant)
-    return int(bool(np.all(value.lo > 0.0))) - int(bool(np.all(value.hi < 0.0)))
+def sign_of(network: ConstraintNetwork, expr: Expr) -> int:
+    """1 or -1 for an expression of one sign on the domain, else 0."""
+    tape = Tape(network, [expr])
+    values = tape.values(tape.forward(network.domain.array[None]))
+    return int(np.all(values.lo > 0.0)) - int(np.all(values.hi < 0.0))
 
 
 def isolated(expr: Expr, op: str) -> tuple[Expr, Expr, Expr] | None:
@@ -351,7 +352,7 @@ def split(row: Row) -> list[Row] | None:
         if found is None:
             continue
         factor, node, rest = found
-        sign = _sign(factor)
+        sign = sign_of(ConstraintNetwork(), factor)
         if (op, sign) in (("max", 1), ("min", -1)):
             return [replace(row, expr=rest + factor * arg) for arg in node.args]
         if (op, sign) == ("abs", 1):
