@@ -201,7 +201,7 @@ def fit_dots(
         count = gathered(grey, at_x, at_y, unit, room[i], p, reach(spread[i]), pixels)
         if count <= 2 * PLAIN:
             continue
-        variance = _levels(p, unit, depth, level, count)
+        variance = _levels(p, unit, depth[:count], level[:count])
         _run(p, unit, x[:count], y[:count], level[:count], used, rows, out[i], odd[i])
         out[i, 0] += at_x
         out[i, 1] += at_y
@@ -221,24 +221,14 @@ def _begin(p: Floats, center: Floats, spread: Floats, light: Floats) -> float:
 
 
 @compiled
-def _levels(p: Floats, unit: float, depth: Single, level: Single, count: int) -> float:
-    """Back, contrast and blur to begin with; returns the variance of the levels about the back's."""
-    deep = 0.0
-    for k in range(count):
-        deep = max(deep, depth[k])
-    deep = min(1.5 / unit, 0.4 * deep)
-    outer, outers, inner, inners = 0.0, 0, 0.0, 0
-    for k in range(count):
-        if depth[k] < -1.5 / unit:
-            outer, outers = outer + level[k], outers + 1
-        elif depth[k] > deep:
-            inner, inners = inner + level[k], inners + 1
-    back = outer / max(outers, 1)
-    p[5], p[6], p[7] = back, inner / max(inners, 1) - back, -np.log(unit)  # a blur of one pixel
-    total, squares = 0.0, 0.0
-    for k in range(count):
-        total, squares = total + level[k] - back, squares + (level[k] - back) ** 2
-    return squares / count - (total / count) ** 2
+def _levels(p: Floats, unit: float, depth: Single, level: Single) -> float:
+    """Back, contrast and blur to begin with; returns the variance of the levels."""
+    grey: Floats = level.astype(np.float64)
+    outer = grey[depth < -1.5 / unit]
+    inner = grey[depth > min(1.5 / unit, 0.4 * max(depth.max(), 0.0))]
+    back = outer.sum() / max(len(outer), 1)
+    p[5], p[6], p[7] = back, inner.sum() / max(len(inner), 1) - back, -np.log(unit)  # a blur of one pixel
+    return float(grey.var())
 
 
 @compiled

@@ -30,7 +30,7 @@ from cpcal.vision.dots.segmentation import (
     spots,
     surveys,
 )
-from cpcal.vision.projection import inverses, median
+from cpcal.vision.projection import median
 
 # ------------------------------------------------------------------------------------------------------------------
 # How the light grows over the image, from the grey levels of dots or of the plate beside them.
@@ -81,7 +81,7 @@ def _levels(grey: Grey, found: Spots, gap: Floats) -> Floats:
     else:
         angle = np.pi / 8.0 * np.arange(16)
         ways = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        square = np.einsum("ki,nij,kj->nk", ways, inverses(found.spread), ways)
+        square = np.einsum("ki,nij,kj->nk", ways, np.linalg.inv(found.spread), ways)
         reach = 2.0 / np.sqrt(square) + np.clip(0.5 * gap, 1.5, _BESIDE)[:, None]
         steps = reach[..., None] * ways
     at = np.rint(found.center[:, None] + steps).astype(np.intp)

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from cpcal.common.errors import unusable
 from cpcal.common.values import Bools, Floats
 from cpcal.vision.opencv import opencv
-from cpcal.vision.projection import determinants, eigenvalues, median
+from cpcal.vision.projection import eigenvalues, median
 
 # ------------------------------------------------------------------------------------------------------------------
 # What counts as an image, and its grey levels.
@@ -170,7 +170,7 @@ class Spots:
     @cached_property
     def radius(self) -> Floats:
         """(n,) of the circle of the same area, pixels."""
-        return 2.0 * determinants(self.spread) ** 0.25
+        return 2.0 * (self.spread[:, 0, 0] * self.spread[:, 1, 1] - self.spread[:, 0, 1] ** 2) ** 0.25
 
     def kept(self, keep: npt.NDArray[Any]) -> Spots:
         return Spots(self.center[keep], self.spread[keep], self.bright)
