@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Annotated
 
 import numpy as np
@@ -358,7 +358,7 @@ def leg_equation(
     if scaled and stated:
         matrix, scale = rational_rotations(as_expr(campaign.quaternion))
     else:
-        matrix = net.constant(rotations(IntervalArray.point(campaign.quaternion)))
+        matrix = _enclosed_rotations(campaign.quaternion.tobytes())
         if scaled:
             scale = net.constant(IntervalArray.point(campaign.quaternion).sqr().sum(1))
     radius = campaign.rotation_radius
@@ -406,6 +406,11 @@ def rational_rotations(q: Expr) -> tuple[Expr, Expr]:
     units = np.eye(9).reshape(3, 3, 1, 3, 3)
     numerators = sum((rows[i][j] * units[i, j] for i in range(3) for j in range(3)), as_expr(0.0))
     return numerators / scale, scale[:, 0, 0]
+
+
+@lru_cache(maxsize=1)  # the legs of a campaign have them in common
+def _enclosed_rotations(quaternions: bytes) -> Expr:
+    return as_expr(rotations(IntervalArray.point(np.frombuffer(quaternions).reshape(-1, 4))))
 
 
 def rotations(quaternion: IntervalArray) -> IntervalArray:

@@ -338,7 +338,7 @@ def minimize(
 
 
 def _minimum(search: Search, incumbent: Incumbent, last: Bracket, tally: Tally, interrupted: bool) -> Minimum:
-    undecided, least = 0, incumbent.hi
+    undecided, least, floor = 0, incumbent.hi, incumbent.floor
     enclosure = around = Box.empty(incumbent.domain.names)
     leaves: Iterator[Node | Piece] = chain(search.pending, search.kept)
     for leaf in leaves:
@@ -347,7 +347,7 @@ def _minimum(search: Search, incumbent: Incumbent, last: Bracket, tally: Tally, 
         enclosure, around = enclosure.hull(box), around.hull(found)
         least = least if found.is_empty else min(least, float(found.lo[incumbent.objective]))
     reached = Found(least, around)
-    verdict, status = status_of(last, incumbent, undecided)
+    verdict, status = status_of(last, incumbent, undecided, floor)
     more = reached.lo > last.lo or reached.enclosure != enclosure
     return Minimum(
         lo=last.lo,
@@ -356,7 +356,7 @@ def _minimum(search: Search, incumbent: Incumbent, last: Bracket, tally: Tally, 
         status=status + (reached.sentence(last.lo) if more else ""),
         witness=incumbent.witness,
         enclosure=enclosure,
-        floor=incumbent.floor,
+        floor=floor,
         rows=tuple(sorted(tally.used)),
         decisive_rows=tuple(sorted(tally.decisive)),
         pending=undecided,
@@ -469,7 +469,7 @@ class Minimum:
         return "" if self.found is None else self.found.sentence(self.lo)
 
 
-def status_of(last: Bracket, incumbent: Incumbent, undecided: int) -> tuple[Verdict, str]:
+def status_of(last: Bracket, incumbent: Incumbent, undecided: int, floor: float) -> tuple[Verdict, str]:
     """The verdict on a bracket and a sentence; `undecided` boxes were left at a limit."""
     verdict = Verdict.UNKNOWN
     if incumbent.witness is None:
@@ -480,7 +480,7 @@ def status_of(last: Bracket, incumbent: Incumbent, undecided: int) -> tuple[Verd
     elif last.hi - last.lo <= incumbent.gap:
         verdict = Verdict.PROVED
     hi = np.inf if incumbent.witness is None else last.hi
-    return verdict, bracket_sentence(verdict, last.lo, hi, floor=incumbent.floor, undecided=undecided)
+    return verdict, bracket_sentence(verdict, last.lo, hi, floor=floor, undecided=undecided)
 
 
 # ------------------------------------------------------------------------------------------------------------------

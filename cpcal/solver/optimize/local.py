@@ -329,7 +329,9 @@ class Incumbent:
     @property
     def floor(self) -> float:
         """The second-order effect of the readings at it (0 without one)."""
-        return 0.0 if self.witness is None else self._prepared.rows.second_order(self.witness.point)
+        if self.witness is None or not any(map(reads, self._prepared.network.constraints)):
+            return 0.0
+        return self._prepared.rows.second_order(self.witness.point)
 
     @property
     def served(self) -> bool:

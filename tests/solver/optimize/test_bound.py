@@ -212,14 +212,13 @@ def test_only_the_gap_that_was_asked_for_closes_a_bracket(
     prepared = Prepared(net, "e")
     incumbent = Incumbent(prepared, Limits(gap=1e-6))
     incumbent.witness = Witness(np.array([1.0]), 1.0)
-    prepared.rows.second_order = lambda point: floor  # type: ignore[method-assign]
-    said = status_of(Bracket(lo, 1.0, 1, 1, 0.0), incumbent, undecided)
+    said = status_of(Bracket(lo, 1.0, 1, 1, 0.0), incumbent, undecided, floor)
     assert said[0] is verdict
     assert words in said[1]
     assert ("closed" in said[1]) == (verdict is Verdict.PROVED)
     incumbent.witness = None
     for left, at, what in ((0, np.inf, Verdict.REFUTED), (1, np.inf, Verdict.UNKNOWN), (1, lo, Verdict.UNKNOWN)):
-        assert status_of(Bracket(at, np.inf, 1, 1, 0.0), incumbent, left)[0] is what
+        assert status_of(Bracket(at, np.inf, 1, 1, 0.0), incumbent, left, 0.0)[0] is what
 
 
 def test_a_fit_of_many_measurements_is_that_of_all_of_them() -> None:
