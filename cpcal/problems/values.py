@@ -19,7 +19,6 @@ import numpy.typing as npt
 from cpcal.common.errors import ModelError
 from cpcal.solver import network as functions
 from cpcal.solver.interval import Interval, IntervalArray
-from cpcal.solver.interval.numbers import float_bounds
 from cpcal.solver.model import Network
 from cpcal.solver.network import Expr
 from cpcal.solver.network import expression as mathematics
@@ -193,7 +192,7 @@ def interval_of(value: Value) -> Interval:
     if isinstance(value, Data):
         return value.interval
     if isinstance(value, Fraction):
-        return Interval(*float_bounds(value))
+        return Interval(value)
     if isinstance(value, Interval):
         return value
     raise ModelError("a constant must stand here, without variables")

@@ -59,7 +59,7 @@ class Box:
         lower, upper = _bounds(lo, 0), _bounds(hi, 1)
         if lower.shape != (len(names),) or upper.shape != (len(names),):
             raise ModelError(f"{len(names)} names, but bounds of shapes {lower.shape} and {upper.shape}")
-        wrong = ~_has_points(lower, upper) & ~(np.isnan(lower) & np.isnan(upper))
+        wrong = ~has_points(lower, upper) & ~(np.isnan(lower) & np.isnan(upper))
         if wrong.any():
             i = int(np.argmax(wrong))
             raise ModelError(f"{names[i]}: [{lower[i]}, {upper[i]}] is no interval: give lo <= hi, one finite")
@@ -68,7 +68,7 @@ class Box:
     def _set(self, names: tuple[str, ...], lo: Floats, hi: Floats) -> None:
         # Adding zero copies, and turns -0.0 into 0.0: equal boxes have equal bits.
         lo, hi = lo + 0.0, hi + 0.0
-        if not _has_points(lo, hi).all():
+        if not has_points(lo, hi).all():
             if (np.isnan(lo) != np.isnan(hi)).any():
                 raise ModelError("one bound is NaN and the other is not: an operation outside its domain?")
             lo, hi = np.full(len(names), np.nan), np.full(len(names), np.nan)
@@ -85,7 +85,7 @@ class Box:
     def rows(cls, names: tuple[str, ...], lo: Floats, hi: Floats) -> list[Box]:
         """A box of each row of bounds (B, n), of the names of some box; NaN or lo > hi gives the empty box."""
         lo, hi = lo + 0.0, hi + 0.0
-        empty = ~_has_points(lo, hi).all(axis=1)
+        empty = ~has_points(lo, hi).all(axis=1)
         lo[empty], hi[empty] = np.nan, np.nan
         lo.flags.writeable = hi.flags.writeable = False
         boxes = []
@@ -295,7 +295,7 @@ def checked_name(name: object) -> str:
     return name
 
 
-def _has_points(lo: Floats, hi: Floats) -> Bools:
+def has_points(lo: Floats, hi: Floats) -> Bools:
     """Which components contain a real number."""
     return np.asarray((lo <= hi) & (lo < np.inf) & (hi > -np.inf))
 

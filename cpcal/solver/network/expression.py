@@ -22,6 +22,7 @@ import numpy.typing as npt
 from cpcal.common.errors import ModelError
 from cpcal.common.values import Indices, fill
 from cpcal.solver.interval import Interval, IntervalArray
+from cpcal.solver.interval.box import has_points
 from cpcal.solver.interval.functions import PIO2
 from cpcal.solver.interval.numbers import float_bounds, format_bound
 
@@ -29,11 +30,6 @@ from cpcal.solver.interval.numbers import float_bounds, format_bound
 # What leaves of expressions hold: numbers from users, enclosed, copied and frozen where they come in.
 
 T = TypeVar("T")
-
-
-def enclosed(value: object) -> IntervalArray:
-    """Numbers as degenerate intervals; those that no float64 equals as the narrowest around them. ModelError."""
-    return IntervalArray(*float_bounds(value))
 
 
 def pair(value: Any, where: str) -> tuple[Any, Any]:
@@ -325,11 +321,9 @@ class Constraint:
             except ValueError:
                 wrong = f"bounds of shape {bound.shape} do not fit a body of shape {self.body.shape}"
                 raise ModelError(wrong) from None
-        if self.lower.op == self.upper.op == "constant":
-            lower, upper = self.lower.data, self.upper.data
-            impossible = (lower.lo > upper.hi) | (lower.lo == np.inf) | (upper.hi == -np.inf)
-            if bool(np.any(impossible)):
-                raise ModelError("no number lies between these bounds: give within((lower, upper)), lower <= upper")
+        known = self.lower.op == self.upper.op == "constant"
+        if known and not has_points(self.lower.data.lo, self.upper.data.hi).all():
+            raise ModelError("no number lies between these bounds: give within((lower, upper)), lower <= upper")
 
     @property
     def parts(self) -> tuple[Expr, Expr, Expr]:
@@ -381,7 +375,7 @@ def _constant(value: Operand) -> Expr:
     """A constant leaf, where infinity may stand for a bound that is not there."""
     if isinstance(value, Interval):
         value = IntervalArray(np.asarray(value.lo), np.asarray(value.hi))
-    values = value if isinstance(value, IntervalArray) else enclosed(value)
+    values = value if isinstance(value, IntervalArray) else IntervalArray(*float_bounds(value))
     if values.lo.dtype != np.float64 or values.hi.dtype != np.float64 or values.lo.shape != values.hi.shape:
         raise ModelError("an IntervalArray has two float64 arrays of one shape")
     if not bool(np.all(values.lo <= values.hi)):

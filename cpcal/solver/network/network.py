@@ -23,13 +23,13 @@ import numpy.typing as npt
 from cpcal.common.errors import ModelError
 from cpcal.common.values import Indices
 from cpcal.solver.interval import Box, Interval, IntervalArray
-from cpcal.solver.interval.box import checked_name, component_names
+from cpcal.solver.interval.box import checked_name, component_names, has_points
+from cpcal.solver.interval.numbers import float_bounds
 from cpcal.solver.network.expression import (
     Constraint,
     Expr,
     Shape,
     as_expr,
-    enclosed,
     pair,
     topological,
 )
@@ -88,10 +88,10 @@ class ConstraintNetwork:
             values = IntervalArray.around(center, radius)
         except ValueError:
             raise ModelError("the shapes of centres and radii of a reading do not fit") from None
-        reach = enclosed(radius)
-        if not bool(np.all(np.isfinite(values.lo) & np.isfinite(values.hi))) or not bool(np.all(reach.lo >= 0)):
+        least, most = float_bounds(radius)
+        if not bool(np.all(np.isfinite(values.lo) & np.isfinite(values.hi))) or not bool(np.all(least >= 0)):
             raise ModelError("a reading needs finite centres and finite, non-negative radii")
-        return Expr("reading" if reach.hi.any() else "constant", shape=values.shape, data=values)
+        return Expr("reading" if most.any() else "constant", shape=values.shape, data=values)
 
     def add(self, constraint: Constraint | Iterable[Constraint]) -> None:
         """Require a constraint (or several). Raises ModelError, and adds none, if one is of another network."""
@@ -231,11 +231,11 @@ def _domain(leaf: Expr, domain: Domain) -> Box:
     """The box of one variable. Raises ModelError where it holds no number or does not fit the shape."""
     lower, upper = (domain.lo, domain.hi) if isinstance(domain, Interval) else pair(domain, "a domain")
     try:
-        lo = np.broadcast_to(enclosed(lower).lo, leaf.shape).ravel()
-        hi = np.broadcast_to(enclosed(upper).hi, leaf.shape).ravel()
+        lo = np.broadcast_to(float_bounds(lower)[0], leaf.shape).ravel()
+        hi = np.broadcast_to(float_bounds(upper)[1], leaf.shape).ravel()
     except ValueError:
         raise ModelError(f"the domain of {leaf.name!r} does not fit its shape {leaf.shape}") from None
-    if not bool(np.all((lo <= hi) & (lo < np.inf) & (hi > -np.inf))):
+    if not has_points(lo, hi).all():
         raise ModelError(f"the domain of {leaf.name!r} holds no number: give (lower, upper) with lower <= upper")
     return Box(component_names(leaf), lo, hi)
 
