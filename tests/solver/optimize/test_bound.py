@@ -12,7 +12,7 @@ from cpcal import Interval, Limits, Network, Verdict, maximum, norm
 from cpcal.common.errors import ModelError
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.bound import Bracket, Minimum, minimize, status_of
-from cpcal.solver.optimize.local import Incumbent, fit, fit_of_many
+from cpcal.solver.optimize.local import Incumbent, Known, fit, fit_of_many
 from cpcal.solver.optimize.witness import Prepared, Witness
 
 Problem = tuple[Network, str, float]
@@ -219,6 +219,15 @@ def test_only_the_gap_that_was_asked_for_closes_a_bracket(
     incumbent.witness = None
     for left, at, what in ((0, np.inf, Verdict.REFUTED), (1, np.inf, Verdict.UNKNOWN), (1, lo, Verdict.UNKNOWN)):
         assert status_of(Bracket(at, np.inf, 1, 1, 0.0), incumbent, left, 0.0)[0] is what
+
+
+def test_what_another_search_has_learned_replaces_the_incumbent_only_where_it_is_better() -> None:
+    net = Network()
+    net.variable("e", (), (0, 10))
+    incumbent = Incumbent(Prepared(net, "e"), Limits())
+    for value, kept in ((2.0, 2.0), (3.0, 2.0), (1.0, 1.0)):
+        incumbent.learn(Known(Witness(np.array([value]), value), 1), Known(None, 0))
+        assert incumbent.hi == kept
 
 
 def test_a_fit_of_many_measurements_is_that_of_all_of_them() -> None:
