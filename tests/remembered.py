@@ -25,7 +25,7 @@ def verify_once(monkeypatch: pytest.MonkeyPatch) -> None:
             known[key] = check(path, *given, **options)
         return known[key]
 
-    def proved(self: LegCertificates, name: Any) -> Accepted:
+    def accepted(self: LegCertificates, name: Any) -> Accepted:
         if not isinstance(name, str) or name not in self.names or not (self.folder / name).is_file():
             return honest(self, name)
         of = self.folder / "campaign.json"
@@ -34,7 +34,7 @@ def verify_once(monkeypatch: pytest.MonkeyPatch) -> None:
             known[key] = honest(self, name)
         return known[key]
 
-    honest = LegCertificates.proved
-    monkeypatch.setattr(LegCertificates, "proved", proved)
+    honest = LegCertificates.accepted
+    monkeypatch.setattr(LegCertificates, "accepted", accepted)
     monkeypatch.setattr(verify, "check", once)
     monkeypatch.setattr(verify, "executor_for", lambda count: executor_for(1))

@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction as F
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -71,6 +72,7 @@ class Claims:
 class Accepted:
     """What a certificate proves, of what, and how much work that was."""
 
+    header: dict[str, Any]  # the first line
     leg: int | None  # None: of constraints that the certificate states itself
     model: str | None  # of the leg
     about: str  # constraints of its own: what they are about, in the certificate's words, which are not checked
@@ -244,25 +246,25 @@ def check_lines(lines: Lines, formed: Callable[[dict[str, Any]], tuple[Problem, 
 class Certificates:
     """Those of a folder, which may rest on one another: each is checked once, all of them within one budget.
 
-    `form(header, lines)` gives what a header says, and the problem and its box.
+    `form(header, lines)` gives the problem and its box.
     """
 
     most = 10_000
 
     def __init__(self, folder: Path, budget: Budget) -> None:
         self.folder, self.budget = folder, budget
-        self.known: dict[str, tuple[Accepted, list[Any]] | Refused] = {}
+        self.known: dict[str, Accepted | Refused] = {}
 
-    def form(self, header: dict[str, Any], lines: Lines) -> tuple[list[Any], Problem, Box]:
+    def form(self, header: dict[str, Any], lines: Lines) -> tuple[Problem, Box]:
         raise NotImplementedError
 
     @property
     def names(self) -> set[str]:
         return {path.name for path in self.folder.glob("*.cert.jsonl")}
 
-    def accepted(self, name: Any) -> tuple[Accepted, list[Any]]:
-        """What a file proves, and its header. Raises Refused."""
-        file, said = text(name), list[Any]()
+    def accepted(self, name: Any) -> Accepted:
+        """What a file proves. Raises Refused."""
+        file = text(name)
         if file not in self.known and file not in self.names:
             raise Refused(f"names no certificate of its folder: {shown(file)}")
         if file not in self.known:
@@ -273,13 +275,7 @@ class Certificates:
                 with opened(self.folder / file) as stream:
                     lines = Lines(stream, self.budget)
                     lines.spend(A_FILE)
-
-                    def formed(header: dict[str, Any]) -> tuple[Problem, Box]:
-                        found, problem, root = self.form(header, lines)
-                        said.extend(found)
-                        return problem, root
-
-                    self.known[file] = check_lines(lines, formed), said
+                    self.known[file] = check_lines(lines, partial(self.form, lines=lines))
             except (Refused, Unusable) as error:
                 code = error.code if isinstance(error, Refused) else "run"
                 self.known[file] = Refused(f"names {shown(file)}, which is refused: {error}", code, 0)
@@ -349,9 +345,9 @@ class _Check:
             self._concluded(name, box)
         p, about = self.problem, header.get("about", "")
         return Accepted(
-            leg=header.get("leg"), model=p.model, about=about, campaign=header.get("campaign"), unknowns=p.unknowns,
-            objective=p.objective, count=p.count, chosen=p.chosen, lo=self.root.lo, hi=self.root.hi,
-            claims=self.claims, used=frozenset(self.used), steps=self.steps,
+            header=header, leg=header.get("leg"), model=p.model, about=about, campaign=header.get("campaign"),
+            unknowns=p.unknowns, objective=p.objective, count=p.count, chosen=p.chosen,
+            lo=self.root.lo, hi=self.root.hi, claims=self.claims, used=frozenset(self.used), steps=self.steps,
             last=self.last, forms=p.forms,
         )  # fmt: skip
 

@@ -231,8 +231,8 @@ class HandEyeCertificates(Certificates):
         super().__init__(folder, budget)
         self.study, self.digest = study, digest
 
-    def form(self, given: Json, lines: Lines) -> tuple[list[Any], Problem, Box]:
-        header = _, digest, stage, images, eps, asked, after, poses = _HEADER(given)
+    def form(self, header: Json, lines: Lines) -> tuple[Problem, Box]:
+        given = _, digest, stage, images, eps, asked, after, poses = _HEADER(header)
         if digest != self.digest:
             raise Refused("the study is another one: its SHA-256 differs", "campaign")
         if not images or images[-1] >= len(self.study.images) or (stage == "image") != (len(images) == 1):
@@ -242,19 +242,20 @@ class HandEyeCertificates(Certificates):
             raise Refused("eps, or the box that was asked for, is none")
         frames = asked_box(center, reach, angle, hand, board)
         if after is not None:
-            frames = self._enclosure(after, header, ("links", "frames"))
+            frames = self._enclosure(after, given, ("links", "frames"))
         sets = {}
         for name in poses:
-            box = self._enclosure(name, header, ("image",))
-            sets[self.accepted(name)[1][3][0]] = box.lo, box.hi
+            box = self._enclosure(name, given, ("image",))
+            sets[_HEADER(self.accepted(name).header)[3][0]] = box.lo, box.hi
         if len(sets) < len(poses) or (stage == "image" and (poses or after)) or not sets.keys() <= set(images):
             raise Refused("it rests on poses of other images")
         rows = Rows(self.study, stage, images, eps, hand, board, sets, Box(frames.lo[:SIZE], frames.hi[:SIZE]))
-        return header, rows.problem(self.budget.spend), rows.root
+        return rows.problem(self.budget.spend), rows.root
 
     def _enclosure(self, name: str, header: list[Any], stages: tuple[str, ...]) -> Box:
         """The box that another certificate claims, which may be used here: of no more images, at no smaller eps."""
-        accepted, other = self.accepted(name)
+        accepted = self.accepted(name)
+        other = _HEADER(accepted.header)
         if other[2] not in stages or other[5] != header[5] or other[4] < header[4] or not {*other[3]} <= {*header[3]}:
             raise Refused(f"it rests on {shown(name)}, which is about something else")
         if accepted.claims.enclosure is None:
@@ -330,7 +331,8 @@ class _Run:
 
     def accepted(self, name: Any, eps: F, images: Sequence[int]) -> tuple[Accepted, Sequence[F]]:
         """A certificate about these images and the box that was asked for, at a tolerance; and its w."""
-        accepted, header = self.certificates.accepted(name)
+        accepted = self.certificates.accepted(name)
+        header = _HEADER(accepted.header)
         center, reach, angle, hand, _ = _ASKED(header[5])
         if [center, reach, angle] != [tuple(self.center), self.reach, self.angle]:
             raise Refused(f"rests on {shown(name)}, which speaks of another box")

@@ -343,7 +343,7 @@ def _statements(folder: Path, result: Json, campaign: ExactCampaign, work: int) 
     directions = list[list[Vector]]()
     refuted = not all(box["lo"] for box in boxes)
     for leg, (row, box) in enumerate(zip(controller, boxes, strict=True), start=1):
-        accepted = certificates.proved(box["certificate"])
+        accepted = certificates.accepted(box["certificate"])
         # of a run without poses nothing is said of the forms
         forms: Sequence[Given] = accepted.forms
         if not refuted:

@@ -125,11 +125,8 @@ class LegCertificates(Certificates):
         super().__init__(folder, Budget(work))
         self.campaign = campaign
 
-    def form(self, header: Json, lines: Lines) -> tuple[list[Any], Problem, Box]:
-        return [], *problem_of(header, lines, self.folder / NAME, self.campaign)
-
-    def proved(self, name: Any) -> Accepted:
-        return self.accepted(name)[0]
+    def form(self, header: Json, lines: Lines) -> tuple[Problem, Box]:
+        return problem_of(header, lines, self.folder / NAME, self.campaign)
 
 
 @dataclass
@@ -175,7 +172,7 @@ class _Leg:
 
     def accepted(self, file: Any, chosen: Iterable[int] | None, eps: Any) -> Accepted:
         """A certificate of this leg: of the `chosen` measurements (None: of any), in its box."""
-        found = self.certificates.proved(file)
+        found = self.certificates.accepted(file)
         compare(self.of_the_problem(found, found.chosen if chosen is None else tuple(chosen), eps))
         return found
 
@@ -244,7 +241,7 @@ class _Leg:
             if stated["certificate"] is None:
                 nothing_beside(stated, "point", "largest", "eps", "factor")
                 continue
-            found = self.certificates.proved(stated["certificate"])
+            found = self.certificates.accepted(stated["certificate"])
             compare(self.of_the_point(key, stated, found, kept))
             yield key, found
 

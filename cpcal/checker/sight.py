@@ -456,8 +456,8 @@ class PoseCertificates(Certificates):
         return joined([self.part(file) for file in files], self.outliers)
 
     def part(self, file: str) -> Part:
-        accepted, (_, _, dots, _, _, turn, after) = self.accepted(file)
-        hull = accepted.claims.enclosure
+        accepted = self.accepted(file)
+        (_, _, dots, _, _, turn, after), hull = _HEADER(accepted.header), accepted.claims.enclosure
         if not accepted.claims.infeasible and hull is None:
             raise Refused(f"{shown(file)}: it claims no enclosure", code="form", line=0)
         return Part(dots, turn, after, None if accepted.claims.infeasible or hull is None else Box(*hull))
@@ -472,8 +472,8 @@ class PoseCertificates(Certificates):
             if not rows.fails(k):
                 raise Refused(f"it is not proved that dot {k} is wrong", "proof")
 
-    def form(self, header: dict[str, Any], lines: Lines) -> tuple[list[Any], Problem, Box]:
-        said = _, digest, dots, outliers, wrong, turn, after = _HEADER(header)
+    def form(self, header: dict[str, Any], lines: Lines) -> tuple[Problem, Box]:
+        _, digest, dots, outliers, wrong, turn, after = _HEADER(header)
         if digest != self.digest:
             raise Refused("the certificate is about other pixels, another camera or another target", "run")
         if not dots or dots[-1] >= len(self.sight.dots) or set(dots) & set(wrong):
@@ -492,4 +492,4 @@ class PoseCertificates(Certificates):
         elif outliers or wrong:
             raise Refused("a first certificate is of dots that are all right")
         rows = rows_of(self.sight, dots, turn, before)
-        return said, replace(rows.problem(self.budget.spend), wrong=outliers, tag=rows.dot_of), rows.root
+        return replace(rows.problem(self.budget.spend), wrong=outliers, tag=rows.dot_of), rows.root

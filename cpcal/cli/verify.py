@@ -137,7 +137,7 @@ def checked_certificates(folder: Path) -> dict[str, Accepted | str]:
     found: dict[str, Accepted | str] = {}
     for name in sorted(among.names):
         try:
-            found[name] = among.proved(name)
+            found[name] = among.accepted(name)
         except Refused as reason:
             found[name] = str(reason)
         except Unusable as reason:

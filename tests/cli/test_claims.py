@@ -18,6 +18,7 @@ exact = st.fractions(-4000, 4000)
 def accepted(claims, lo, hi, *, leg=1, unknowns=(*PARAMETERS, "eps")):
     model, chosen = "plain" if leg else None, tuple(range(64))
     return Accepted(
+        header={},
         leg=leg,
         model=model,
         about="",
