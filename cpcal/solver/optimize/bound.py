@@ -517,12 +517,13 @@ def support(problem: Prepared, found: Minimum, gap: float, solve: Solve) -> tupl
     domain = problem.network.domain
     if not found.lo > domain[problem.name].lo or found.interrupted:
         return ()
+    slack = max(gap * abs(found.lo), found.hi - found.lo)
     chosen = np.array(sorted({k for _, k in found.decisive_rows}), dtype=np.intp)
     for _ in range(_ROUNDS if chosen.size else 0):
         alone = solve(chosen)
         if alone.interrupted:
             break
-        if _as_good(alone.lo, found, gap):
+        if alone.lo >= found.lo or alone.lo >= found.lo - slack:  # both infinite, or near
             return tuple(int(k) for k in chosen)
         more = chosen
         if alone.point is not None:
@@ -534,10 +535,6 @@ def support(problem: Prepared, found: Minimum, gap: float, solve: Solve) -> tupl
             break
         chosen = more
     return tuple(sorted({k for _, k in found.rows}))
-
-
-def _as_good(lo: float, found: Minimum, gap: float) -> bool:
-    return lo >= found.lo or lo >= found.lo - max(gap * abs(found.lo), found.hi - found.lo)
 
 
 # ------------------------------------------------------------------------------------------------------------------
