@@ -110,20 +110,20 @@ class Structures:
         self._known: dict[bytes, Structure] = {}  # of the expanded ones, by the reading sets, the latest last
 
     def on(self, box: Box, deadline: float) -> Structure:
-        """For a bounded box (any box where `by_box` is false), with the readings at the ends that decide on all of it,
-        if most of them do. Rows that are not expanded at `deadline` are missing.
+        """For a bounded box (any box where `by_box` is false), with the readings at the ends that decide on all of it
+        (of an objective: if most of them do). Rows that are not expanded at `deadline` are missing.
 
         Structures of the boxes before are kept: another question about the network comes by the same ends.
         """
         keep = None
+        seeking = self._objective is not None and bool(box.rad[self._objective] > 0.0)
         if self._rows is not None:
-            seeking = self._objective is not None and bool(box.rad[self._objective] > 0.0)
             keep = self._rows.telling(box.mid, max(_TELLING if seeking else _ENCLOSING, self._share))
         if self._forms is None or not all(map(np.array_equal, keep or (), self._keep or ())):
             some = self._network if keep is None else restricted(self._network, keep)
             self._keep, self._forms, self._known = keep, PolynomialForms(some, deadline), {}
             self._decisive = DecisiveReadings(some) if any(map(reads, some.constraints)) else None
-        sets = None if self._decisive is None else self._decisive.on(box, _DECIDED)
+        sets = None if self._decisive is None else self._decisive.on(box, _DECIDED if seeking else 0.0)
         key = b"".join(b for own in sets or () for part in own.values() for b in (part.lo.tobytes(), part.hi.tobytes()))
         structure = self._known.pop(key, None)
         if structure is None:
