@@ -1,6 +1,6 @@
 """Where the camera stands and how the target is fixed, from poses and leg readings (the paper, section 3.1).
 
-Shah's closed form begins (`calibrate_frames`); least squares on the legs' lengths end, for a study and for a log alike.
+A closed form begins (`calibrate_frames`); least squares on the legs' lengths end, for a study and for a log alike.
 All of this is ordinary estimation: nothing here is proved.
 """
 
@@ -147,7 +147,7 @@ def on_drawing_errors(parameters: Floats, covariance: Floats, drawing: Robot) ->
 # Poses of a target in a tracker's frame, from a log in which each was read once.
 #
 # The drawing and the readings of the legs give poses of the mobile frame, from above the base or from below, and these
-# the frames by Shah's closed form, wherever the tracker stands. The legs are then fitted in the frames of tracker and
+# the frames by the closed form, wherever the tracker stands. The legs are then fitted in the frames of tracker and
 # target, by least squares with the stated deviations. In which base frame, no reading tells: a turn or shift of it is
 # one of all base centres. So the frames stand where the centres are nearest to the drawing's.
 

@@ -36,6 +36,7 @@ _ROTATIONS = (*R_X, *R_F)
 _SPREAD, _UNCERTAIN = 9, 24  # images whose poses are bounded: where the robot's poses are exact, and where not
 _FEWEST = 3
 _BOXES = 64
+_COARSE = 0.5  # an entry of a rotation's matrix that is wider leaves its turn open
 _GAIN = {"image": 0.05, "links": 0.1, "frames": 0.05}  # share of the widths that a pass must take away
 
 
@@ -164,26 +165,35 @@ class Prover:
                 )  # fmt: skip
         if sets or self.exact.uncertain:
             linked = name if self.exact.uncertain else f"{name}-links"
-            before = self._proof(linked, "links", before, eps, sorted(sets) or images, end, 1)
+            before = self._proof(linked, "links", before, eps, sorted(sets) or images, end)
         if before.refuted or self.exact.uncertain:
             return before
-        return self._proof(name, "frames", before, eps, images, end, 1)
+        return self._proof(name, "frames", before, eps, images, end)
+
+    def turns(self, name: str, wide: Proof, eps: float, end: float) -> Proof:
+        """Exact poses: where a proof leaves a turn open, the last stage at a tolerance no larger, in halves until turns
+        are bounded. The same proof where none is open."""
+        left = wide.left
+        if self.exact.uncertain or left is None or all(left.hi[i] - left.lo[i] < _COARSE for i in _ROTATIONS):
+            return wide
+        return self._proof(name, "frames", wide, eps, range(len(self.study.images)), end, _BOXES, _COARSE)
 
     def alone(self, name: str, k: int, eps: float) -> Proof:
         """What the pixels of one image allow, whatever the robot's poses are."""
-        return self._proof(f"{name}-image-{k + 1}", "image", Proof(eps, self.root, None), eps, [k], math.inf, 1)
+        return self._proof(f"{name}-image-{k + 1}", "image", Proof(eps, self.root, None), eps, [k], math.inf)
 
     def lower(self, name: str, wide: Proof, eps: float, end: float) -> Proof:
         """The last stage at a smaller tolerance, from where another proof ended, in as many boxes as it takes."""
         if self.exact.uncertain:
-            return self._proof(name, "links", wide, eps, sorted(wide.sets), end, 1)
+            return self._proof(name, "links", wide, eps, sorted(wide.sets), end)
         return self._proof(name, "frames", wide, eps, range(len(self.study.images)), end, _BOXES)
 
     def _proof(
-        self, name: str, stage: str, before: Proof, eps: float, images: Sequence[int], end: float, boxes: int
-    ) -> Proof:
+        self, name: str, stage: str, before: Proof, eps: float, images: Sequence[int], end: float, boxes: int = 1,
+        coarse: float = 0.0,
+    ) -> Proof:  # fmt: skip
         assert before.left is not None
-        found = self._stage(stage, eps, images, before.sets, before.left, end, boxes)
+        found = self._stage(stage, eps, images, before.sets, before.left, end, boxes, coarse)
         header = {
             "format": FORMAT, "study": self.digest, "stage": stage, "images": list(images), "eps": number(eps),
             "asked": self.asked, "after": before.certificate, "poses": list(before.poses),
@@ -197,7 +207,7 @@ class Prover:
 
     def _stage(
         self, stage: str, eps: float, images: Sequence[int], sets: Mapping[int, Any], frames: Box, end: float,
-        boxes: int,
+        boxes: int, coarse: float,
     ) -> Contracted:  # fmt: skip
         rows = Rows(self.exact, stage, images, F(eps), self.hand, self.board, sets, frames)
 
@@ -213,7 +223,8 @@ class Prover:
             "links": lambda: System(rows, lifted, (*_ROTATIONS, *T_X, *E_, *F_), _ROTATIONS, T_F),
             "frames": lambda: System(rows, every, (*_ROTATIONS, *E_, *F_), _ROTATIONS, (*T_F, *T_X)),
         }[stage]()
-        return Descent(system, _GAIN[stage], boxes, end=end, tell=self._told(stage)).over(rows.root)
+        gain = _GAIN[stage] * (2.0 if coarse else 1.0)  # in many boxes a pass must pay more
+        return Descent(system, gain, boxes, coarse, end=end, tell=self._told(stage)).over(rows.root)
 
     def _told(self, stage: str) -> Callable[[Box | None], None]:
         def say(box: Box | None) -> None:

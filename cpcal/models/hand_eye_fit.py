@@ -16,16 +16,15 @@ from cpcal.common.errors import unusable
 from cpcal.common.least_squares import Blocks, Fit, least_squares
 from cpcal.common.numbers import nearest
 from cpcal.common.values import Floats, Value, fill, frozen_array
-from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, read_poses
+from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, Setup, read_poses
 from cpcal.robot import (
     Pose,
-    calibrate_frames,
     inverse,
     quaternion_from_matrix,
     quaternion_from_rotation_vector,
     rotation_matrix,
 )
-from cpcal.robot.kinematics import cross_matrix
+from cpcal.robot.kinematics import cross_matrix, world_hand_eye
 from cpcal.solver.linear import Dense, LinearStatus
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -196,10 +195,12 @@ def _weighted_fit(
 _STEPS = 100
 _LEAST_POINTS = 6
 _LEAST_IMAGES = 3
-_CONDITION = 1e10  # of the scaled normal matrix: beyond it some combination is not determined
+_LEAST_TURN = 1e-6
+_ANGLES = 12  # about an axis that all poses turn about, where the closed form leaves the angle open
+_LOST = 1e-14  # of the scaled normal matrix: an eigenvalue that rounding leaves of nothing
+_WEAK, _OPEN = 10.0, 1e4  # times worse than across, to say so; mm
 _LEAST_PIXEL = 1e-6  # px, where single images fit without error
 _APART = 2.0  # how many times more all images together leave than single ones, where the robot's poses matter
-_NAMES = ("rotation of E", "translation of E", "rotation of F", "translation of F")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -230,18 +231,23 @@ class ClassicalAnswer(Value):
 def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
     """E and F of the study by a closed form and least squares.
 
-    Raises InputError for fewer than three images with six points each, for images without a pose, and where the
-    motions of the hand do not determine the frames (the message names the axis).
+    Raises InputError for fewer than three images with six points each, for images without a pose, and for a hand that
+    does not turn. A direction that the motions hardly determine, as where all turn about one axis, is a remark.
     """
     kept, seen, alone = image_poses(study)
     if len(kept) < _LEAST_IMAGES:
         what = f"has {len(kept)} images whose points determine a pose"
         raise unusable("study", what, f"give at least {_LEAST_IMAGES} with {_LEAST_POINTS} points each")
     turn, shift = study.motions()
-    closed = calibrate_frames(Pose(shift[kept], quaternion_from_matrix(turn[kept])), seen)
-    e, f = inverse(closed.camera_in_base), closed.target_in_mobile
-    model = PixelModel(study)
-    at = model.stated(HandEyeFrames(e.rotation, e.position, f.rotation, f.position))
+    if np.ptp(turn[kept], axis=0).max() < _LEAST_TURN:
+        raise unusable("poses", "do not turn: nothing tells the camera's place", "add images with the hand turned")
+    hand, model = Pose(shift[kept], quaternion_from_matrix(turn[kept])), PixelModel(study)
+    starts = []
+    for angle in np.linspace(0.0, 2.0 * np.pi, _ANGLES, endpoint=False).tolist():
+        camera, f = world_hand_eye(hand, seen, angle)
+        e = inverse(camera)
+        starts.append(model.stated(HandEyeFrames(e.rotation, e.position, f.rotation, f.position)))
+    at = min(starts, key=lambda at: float(np.sum(model(at) ** 2)))
     if not np.isfinite(model(at)).all():
         what = "puts points behind the camera"
         raise unusable("the closed form", what, "check the setup, and which pose belongs to which image")
@@ -265,14 +271,15 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
 
     at = least_squares(exact, jacobian, at, tolerance=1e-13, moved=moved, steps=_STEPS).at
     residuals = model(at)
-    covariance, weak = _covariance(exact.jacobian(at), residuals)
+    covariance = _covariance(exact.jacobian(at), residuals)
     rms = float(np.sqrt(np.mean(residuals**2)))
     if study.uncertain:
         deviation = np.maximum(study.pose_half_width, _LEAST_GAIN) / np.sqrt(3.0)
         at, covariance, _ = _weighted_fit(model, at, max(alone, _LEAST_PIXEL), deviation)
         residuals = model(at)
-    elif 0.0 < _APART * alone < rms:
-        weak.append(
+    remarks = _weak_directions(study.setup, at.frames, covariance)
+    if not study.uncertain and 0.0 < _APART * alone < rms:
+        remarks.append(
             f"single images fit to {nearest(alone, 2)} px rms, all together to {nearest(rms, 2)} px: the robot's poses "
             "are off by more than the pixels. cpcal handeye study --of STUDY --off estimated makes a study that weighs "
             "them"
@@ -283,7 +290,7 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
         residuals=residuals.reshape(2, -1).T,
         covariance=covariance,
         rms=float(np.sqrt(np.mean(residuals**2))),
-        remarks=tuple(weak),
+        remarks=tuple(remarks),
     )
 
 
@@ -370,25 +377,41 @@ def _pose(study: HandEyeStudy) -> Fit[ReadFrames]:
     )  # fmt: skip
 
 
-def _covariance(slope: Floats, residuals: Floats) -> tuple[Floats, list[str]]:
+def _covariance(slope: Floats, residuals: Floats) -> Floats:
     scale = np.linalg.norm(slope, axis=0)
     values, vectors = np.linalg.eigh((slope / scale).T @ (slope / scale))
-    free = max(len(residuals) - PARAMETERS, 1)
-    variance = float(residuals @ residuals) / free
-    inverse_ = vectors @ np.diag(1.0 / np.maximum(values, 1e-300)) @ vectors.T
-    weak = []
-    if not values[0] * _CONDITION > values[-1]:
-        part = _NAMES[int(np.argmax(np.abs(vectors[:, 0]))) // 3]
-        weak.append(f"the pixels leave a combination undetermined that moves the {part} most")
-    return variance * inverse_ / np.outer(scale, scale), weak
+    variance = float(residuals @ residuals) / max(len(residuals) - PARAMETERS, 1)
+    inverse_ = vectors @ np.diag(1.0 / np.maximum(values, _LOST)) @ vectors.T
+    return np.asarray(variance * inverse_ / np.outer(scale, scale))
+
+
+def _weak_directions(setup: Setup, frames: HandEyeFrames, covariance: Floats) -> list[str]:
+    """Where camera and target are known far worse along a direction than across it, with figures."""
+    back = frames.e_rotation.T  # the camera's place is -R_E' t_E
+    slope = back @ np.concatenate([cross_matrix(frames.e_translation), np.eye(3)], axis=1)
+    hand, base = ("hand", "base") if setup == "eye-in-hand" else ("base", "hand")
+    said = []
+    for name, frame, of in (
+        ("camera", hand, slope @ covariance[:6, :6] @ slope.T), ("target", base, covariance[9:, 9:])
+    ):  # fmt: skip
+        squares, axes = np.linalg.eigh(of)
+        across, along = np.sqrt(np.maximum(squares[1:], 0.0)).tolist()
+        if along > _WEAK * across:
+            upward = axes[:, 2] * np.sign(axes[np.argmax(np.abs(axes[:, 2])), 2])
+            axis = ", ".join(f"{value:.2f}" for value in np.round(upward, 2) + 0.0)
+            far = f"to {nearest(along, 2)} mm" if along < _OPEN else "not at all"
+            said.append(
+                f"the motions of the hand determine the place of the {name} along ({axis}) of the {frame} frame {far}, "
+                f"across it to {nearest(across, 2)} mm (one standard deviation, by least squares)"
+            )
+    return said
 
 
 # ------------------------------------------------------------------------------------------------------------------
 # The frames whose largest residual is least, near given ones: linear programs in a trust region, in float64.
 #
 # With readings of the robot's poses these are unknowns of the programs too. It gives the upper end of the bracket;
-# that a
-# point satisfies every pixel is proved elsewhere.
+# that a point satisfies every pixel is proved elsewhere.
 
 _PROGRAMS = 60
 _TRUSTED = 0.05  # rad: the trust region of rotations; that of translations is as far as it moves a point

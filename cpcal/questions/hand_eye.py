@@ -17,6 +17,7 @@ from cpcal.checker import Refused, Unusable
 from cpcal.checker.bounds import Bounds, between, matrix
 from cpcal.checker.frames import R_F, R_X, SIZE, T_F, T_X, holds
 from cpcal.checker.hand_eye import (
+    BEYOND,
     HAND_EYE_FORMAT,
     HAND_EYE_NAME,
     check_hand_eye,
@@ -216,7 +217,9 @@ class HandEyeResult:
     lower: tuple[RefutedGroup, ...]
     support: Annotated[tuple[tuple[str, str], ...], checked("the last steps of the certificates of `lower`")]
     tolerance: Annotated[float | None, checked("`eps`")]
-    eps: Annotated[float, checked("`tolerance`, or 1.1 `eps_hi` without one; certificates of ranges and `blamed`")]
+    eps: Annotated[
+        float, checked("`tolerance`, or 1.1 or 1.01 `eps_hi` without one; certificates of ranges and `blamed`")
+    ]
     ranges: FrameRanges | None
     classical: Classical
     blamed: Annotated[
@@ -275,7 +278,6 @@ def load_hand_eye_result(folder: str | os.PathLike[str]) -> HandEyeResult:
 # With q = 0 there is one group: all images.
 
 GAP = 1e-6
-_BEYOND = 1.1  # of eps_hi: the tolerance of the ranges
 LOWER, RANGES, WRONG = "lower", "ranges", "wrong"  # with which the names of certificates begin
 _FARTHEST = 1e6  # mm: of a point before the camera
 _NOTHING = 1e-12  # px: what rounding leaves of pixels that fit exactly
@@ -308,7 +310,8 @@ def certify_hand_eye(
     outliers      how many images may be wrong, nobody knows which; then no ranges are sought
     within        the box; default any rotation, positions within 2 m of the classical answer on each axis
     tolerance     px: are there frames that explain every pixel to it, and in which ranges; which images are wrong at
-                  it? Default: 1.1 times the upper end of the bracket
+                  it? Default: 1.1 times the upper end of the bracket, 1.01 where that leaves
+                  a turn open
     gap           relative width of the bracket that is asked for
     certificates  a folder that exists, for `lower.cert.jsonl`, `ranges.cert.jsonl` and those that these rest on
     time_limit    seconds for each of the proofs; what is proved until then is stated
@@ -343,11 +346,15 @@ def certify_hand_eye(
     at_point = errors(exact_study(study), point.numbers, tuple(map(exact, readings)))
     eps_hi = max(up(at_point[k] or F(0)) for k in kept)  # the fit keeps all points in front
     tell(f"some frames explain every pixel of {len(kept)} images to {at_most(eps_hi, 7)} px")
-    eps = _BEYOND * eps_hi if tolerance is None else tolerance
+    eps, nearer = (share * eps_hi if tolerance is None else tolerance for share in BEYOND)
     judged = _judged(study, kept, asked.center, own, eps)
 
     prover = Prover(study, asked.center.numbers, asked.reach, asked.angle, best.frames, tell)
-    wide = None if outliers else prover.chain(RANGES, eps, every, time.monotonic() + time_limit)
+    wide, end = None, time.monotonic() + time_limit
+    if not outliers:
+        wide = prover.turns(f"{RANGES}-turns", prover.chain(RANGES, eps, every, end), nearer, end)
+        eps = wide.eps
+        judged = _judged(study, kept, asked.center, own, eps)
     end = time.monotonic() + time_limit
     groups = [list(every[k :: outliers + 1]) for k in range(outliers + 1)]
     eps_lo, lower = _lower_end(prover, groups, wide, best, eps_hi, gap, end)

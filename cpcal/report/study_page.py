@@ -46,7 +46,7 @@ TABLE_7_ATTAINED = (27.53, 26.96, 33.12, 33.48, 25.53, 24.24)  # mm: of a valid 
 
 PAPERS_WAY = (
     "Where this differs from the paper: a row is the mean of ten images, if single ones were not asked for; x_c "
-    "minimises g (mm) instead of f (mm²); the frames begin with Shah’s closed form."
+    "minimises g (mm) instead of f (mm²); the frames begin with a closed form."
 )
 COMPARED = (
     "Rows called “the paper” show its printed values for their kind and size only: its measurements are not public, "

@@ -331,7 +331,7 @@ class FrameCalibration:
 
 
 def calibrate_frames(robot_poses: Pose, camera_poses: Pose) -> FrameCalibration:
-    """X and Z of `X B_i = A_i Z` from N >= 3 poses A_i of the robot and B_i of the camera: Shah's closed form (2013).
+    """X and Z of `X B_i = A_i Z` from N >= 3 poses A_i of the robot and B_i of the camera, in closed form.
 
     robot_poses     A_i, mobile frame in base frame: (N, 3) mm and (N, 4); e.g. forward_kinematics of the drawing
     camera_poses    B_i, target frame in camera frame, of the same configurations in the same order
@@ -386,20 +386,24 @@ def _spread(name: str, rotations: Floats) -> tuple[float, str, str]:
     raise unusable(name, what, remedy)
 
 
-def world_hand_eye(a: Pose, b: Pose) -> tuple[Pose, Pose]:
-    """X and Z of `X B_i = A_i Z` for N poses each, by Shah's closed form (J. Mechanisms and Robotics 5(3), 2013).
+def world_hand_eye(a: Pose, b: Pose, turn: float = 0.0) -> tuple[Pose, Pose]:
+    """X and Z of `X B_i = A_i Z` for N poses each, in closed form.
 
-    R_X = R_A R_Z R_B^T, so with K = sum_i R_A kron R_B the vectors vec(R_X) and vec(R_Z) are its left and right
-    singular vectors of the largest singular value (N, without noise), up to factors that make them rotations.
+    R_X maps the axes of all motions B_i B_j^-1 to those of A_i A_j^-1, each as long as the sine of its angle, by least
+    squares; R_Z and then the translations follow by least squares. Where all motions turn about one axis, their
+    rotations leave the angle of R_X about it open, and only translations tell it: `turn` (rad) is added to that angle.
     """
-    kron = np.einsum("kij,kpq->ipjq", a.rotation, b.rotation).reshape(9, 9)
-    left, _, right = np.linalg.svd(kron)
-    x, z = left[:, 0].reshape(3, 3), right[0].reshape(3, 3)
-    sign = np.sign(np.linalg.det(x))  # that of z is the same: K maps rotations to near-multiples of rotations
-    x, z = nearest_rotation(sign * x), nearest_rotation(sign * z)
-    # their translations by least squares: t_X - R_A t_Z = t_A - R_X t_B
+    cross = np.cross(np.eye(3)[:, None], np.eye(3))  # (p, q, a): the axis of a rotation R is half of sum cross R_qp
+    both = np.einsum("npk,nsl->pksl", a.rotation, b.rotation)
+    left, _, right = np.linalg.svd(np.einsum("pqa,stb,pksl,qktl->ab", cross, cross, both, both))
+    x = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    x = rotation_matrix(quaternion_from_rotation_vector(turn * left[:, 0])) @ x
+    z = nearest_rotation(np.einsum("nji,njk->ik", a.rotation, x @ b.rotation))
+    # t_X - R_A t_Z = t_A - R_X t_B, and none along an axis that all motions turn about, but for the rotations' errors
+    off = np.linalg.norm(a.rotation @ z - x @ b.rotation, axis=(1, 2))  # sqrt(2) times the angles between both ways
     matrix = np.concatenate([np.tile(np.eye(3), (len(a.position), 1)), -a.rotation.reshape(-1, 3)], axis=1)
-    found = np.linalg.lstsq(matrix, (a.position - b.position @ x.T).ravel(), rcond=None)[0]
+    side, least = (a.position - b.position @ x.T).ravel(), float(np.sqrt(np.mean(off**2) / 8.0))
+    found = np.linalg.lstsq(matrix, side, rcond=least)[0]
     return Pose(found[:3], quaternion_from_matrix(x)), Pose(found[3:], quaternion_from_matrix(z))
 
 

@@ -745,10 +745,9 @@ class Dense:
             (LinearStatus.INFEASIBLE, np.eye(n + 1)[n], elastic, np.concatenate([bounds, [[0.0, np.inf]]])),
         )
         for status, cost, matrix, reach in programs if np.isfinite(rows).all() and np.isfinite(self._rhs).all() else ():
-            found = linprog(
-                cost, A_ub=matrix, b_ub=self._rhs, bounds=reach, method="highs", options={"presolve": False}
-            )
-            if found.x is not None:
+            options = {"presolve": False, "maxiter": _PIVOTS * n}  # a program that cycles is lost
+            found = linprog(cost, A_ub=matrix, b_ub=self._rhs, bounds=reach, method="highs", options=options)
+            if found.status == 0:
                 weights = -np.asarray(found.ineqlin.marginals)
                 carrying = np.flatnonzero(weights > 0.0)
                 return LinearSolution(status, np.asarray(found.x[:n]), carrying, weights[carrying])

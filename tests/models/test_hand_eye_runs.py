@@ -496,18 +496,16 @@ def test_least_squares_reaches_the_minimum_where_the_hand_hardly_leaves_its_plan
 @pytest.mark.real_data
 @pytest.mark.nightly
 @pytest.mark.skipif(not DATA.exists(), reason=f"{DATA} is absent")
-@pytest.mark.parametrize(
-    ("name", "eps", "turned"),
-    [("tag_20_cam_6", 7.522596, (3, 4, 5, 9, 10, 11)), ("tag_15_cam_1", 3.952006, (3, 4, 5))],
-)
-def test_real_pairs_of_poses_close_to_a_millionth_from_any_rotation(tmp_path, name, eps, turned):
-    """Of tag_15_cam_1 the turn of the target is not bounded, only that of the camera."""
+@pytest.mark.parametrize(("name", "eps", "share"), [("tag_20_cam_6", 7.522596, 1.1), ("tag_15_cam_1", 3.952006, 1.01)])
+def test_real_pairs_of_poses_close_to_a_millionth_from_any_rotation(tmp_path, name, eps, share):
+    """At 1.03 eps* tag_15_cam_1 has other frames, whose target is turned by 72 degrees: 1.1 eps* bounds no turn."""
     hand, seen = read_pose_pairs(DATA / "rig_pairs" / f"{name}.yaml", setup="eye-to-hand")
     chosen = np.linspace(0, len(hand.position) - 1, 25).astype(int)
     run = certified(Run(tmp_path / "run", study_of_pairs(hand, seen, setup="eye-to-hand").part(chosen), None))
     assert run.result.complete
     assert math.isclose(run.result.eps_hi, eps, rel_tol=1e-6)
-    assert max(run.result.ranges.high[k] - run.result.ranges.low[k] for k in turned) < 100.0
+    assert run.result.eps == share * run.result.eps_hi
+    assert max(run.result.ranges.high[k] - run.result.ranges.low[k] for k in (3, 4, 5, 9, 10, 11)) < 30.0
     assert all(accepted for accepted, _ in verify_hand_eye(run.folder))
 
 

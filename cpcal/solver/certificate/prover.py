@@ -286,6 +286,7 @@ _NARROW = 0.15  # half-width of a rotation's entries below which programs withou
 _PAYS = 0.7  # median share of the widths that programs without columns must leave, or less
 _NEGLIGIBLE = 0.003  # half-widths: programs that give away no more of products need no columns
 _PASSES = 80
+_VAIN = 2  # halvings in a row after which passes gain little: the next one would hardly help
 _NOISE = 2e-15  # of rounding, as a share of the sum of a row's terms
 
 
@@ -417,7 +418,8 @@ def write_steps(
 @dataclass
 class Descent:
     """Contracts until nothing is left or a pass gains less than a share `gain` of the widths, in their geometric mean;
-    then halves the widest entry of a rotation, in at most so many `boxes`.
+    then halves the widest entry of a rotation where it is wider than `coarse`, in at most so many `boxes`. With a
+    `coarse` of 0 it seeks to prove that nothing is left, and ends where a box stays.
 
     loss  share of what is left of a width, given away for shorter numbers
     """
@@ -425,6 +427,7 @@ class Descent:
     system: System
     gain: float
     boxes: int = 1
+    coarse: float = 0.0
     loss: float = 0.02
     end: float = math.inf
     tell: Callable[[ExactBox | None], None] = lambda box: None
@@ -433,27 +436,34 @@ class Descent:
     def over(self, root: ExactBox) -> Contracted:
         """What is left of a box."""
         system, steps = self.system, self.found.steps
-        waiting, left, fresh = [(0, root)], list[ExactBox](), 1
+        waiting, left, fresh = [(0, root, 0)], list[ExactBox](), 1
         while waiting:
-            name, whole = waiting.pop()
+            name, whole, vain = waiting.pop()
             box = self._passes(name, whole)
             if box is None:
                 continue
-            if fresh + 1 > 2 * self.boxes - 2 or time.monotonic() > self.end:
+            vain = vain + 1 if self._gained_little(whole, box) else 0
+            widths = {k: box.hi[k] - box.lo[k] for k in system.turns}
+            i = max(system.turns, key=widths.__getitem__)
+            full = fresh + 1 > 2 * self.boxes - 2 or time.monotonic() > self.end
+            if full or vain > _VAIN or widths[i] < self.coarse:
                 if system.derived and steps:
                     box, _ = self._once_over(name, box, system.lifted, system.derived)
                 left += [] if box is None else [box]
+                if left and not self.coarse:
+                    break
                 continue
-            widths = {k: box.hi[k] - box.lo[k] for k in system.turns}
-            i = max(system.turns, key=widths.__getitem__)
             cut = F(round_down((box.lo[i] + box.hi[i]) / 2))
             steps.append({"split": name, "unknown": i, "at": number(cut), "into": [fresh, fresh + 1]})
-            waiting += [(fresh, box.replaced(i, hi=cut)), (fresh + 1, box.replaced(i, lo=cut))]
+            waiting += [(fresh, box.replaced(i, hi=cut), vain), (fresh + 1, box.replaced(i, lo=cut), vain)]
             fresh += 2
         if left:
             lo, hi = zip(*(box.lo for box in left), strict=True), zip(*(box.hi for box in left), strict=True)
             self.found.left = ExactBox(tuple(map(min, lo)), tuple(map(max, hi)))
         return self.found
+
+    def _gained_little(self, before: ExactBox, after: ExactBox) -> bool:
+        return bool(np.exp(np.log(_shares(before, after, self.system.asked) + 1e-9).mean()) > 1.0 - self.gain)
 
     def _passes(self, name: int, box: ExactBox) -> ExactBox | None:
         """What passes leave of a box, until one gains too little."""
@@ -463,7 +473,7 @@ class Descent:
                 break
             left = self._best(name, box)
             self.tell(left)
-            if left is None or np.exp(np.log(_shares(box, left, self.system.asked) + 1e-9).mean()) > 1.0 - self.gain:
+            if left is None or self._gained_little(box, left):
                 return left
             box = left
         return box
