@@ -89,7 +89,7 @@ def test_without_a_point_nothing_is_called_wrong_and_nothing_passes(tmp_path):
     cpcal.save_result(found, tmp_path)
     assert cpcal.load_result(tmp_path) == found
     (checked,) = check_run(tmp_path)
-    assert (checked.refused, checked.robust.lo, checked.robust.hi) == (None, None, None)
+    assert (checked.refused, checked.robust) == (None, None)
 
 
 def test_proofs_of_which_one_is_missing_leave_no_files(tmp_path):
