@@ -398,7 +398,7 @@ def _weak_directions(setup: Setup, frames: HandEyeFrames, covariance: Floats) ->
         across, along = np.sqrt(np.maximum(squares[1:], 0.0)).tolist()
         if along > _WEAK * across:
             upward = axes[:, 2] * np.sign(axes[np.argmax(np.abs(axes[:, 2])), 2])
-            axis = ", ".join(f"{value:.2f}" for value in np.round(upward, 2) + 0.0)
+            axis = ", ".join(nearest(value, 2) for value in (np.round(upward, 2) + 0.0).tolist())
             far = f"to {nearest(along, 2)} mm" if along < _OPEN else "not at all"
             said.append(
                 f"the motions of the hand determine the place of the {name} along ({axis}) of the {frame} frame {far}, "

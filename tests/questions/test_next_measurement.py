@@ -56,7 +56,7 @@ def test_each_chosen_pose_narrows_the_widest_range_and_none_does_so_more(case):
     found = next_images(known, candidates, 2)
     assert found.unseen == ("away",)
     widest = [found.before.widest, *(one.widest for one in found.chosen)]
-    assert widest == sorted(widest, reverse=True)
+    assert all(after <= before * (1.0 + 1e-12) for before, after in pairwise(widest))  # the same but for rounding
     assert len({one.name for one in found.chosen}) == 2
     alone = [
         next_images(known, {name: candidates[name]}, 1).chosen[0].widest for name in ("c5", "c6", "c7", "c8", "c9")
