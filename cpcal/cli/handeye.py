@@ -161,7 +161,9 @@ def certify(
     run: Path | None = output(
         "DIR", "Folder for the run; replaced there.", None, show_default="required, but with --next"
     ),
-    tolerance: float | None = option(None, "Largest error allowed.", "PX", show_default="1.1 eps*"),
+    tolerance: float | None = option(
+        None, "Largest error allowed.", "PX", show_default="1.1 eps*, 1.01 if a turn is open"
+    ),
     wrong: int = option(0, "So many images may be wrong, nobody knows which.", "Q", min=0),
     count: int | None = option(
         None, "Certify nothing; choose N of --poses that shrink the ranges most.", "N", "--next"

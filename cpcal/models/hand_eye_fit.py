@@ -24,7 +24,7 @@ from cpcal.robot import (
     quaternion_from_rotation_vector,
     rotation_matrix,
 )
-from cpcal.robot.kinematics import cross_matrix, world_hand_eye
+from cpcal.robot.kinematics import LEAST_SPREAD, axis_text, cross_matrix, world_hand_eye
 from cpcal.solver.linear import Dense, LinearStatus
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -195,7 +195,6 @@ def _weighted_fit(
 _STEPS = 100
 _LEAST_POINTS = 6
 _LEAST_IMAGES = 3
-_LEAST_TURN = 1e-6
 _ANGLES = 12  # about an axis that all poses turn about, where the closed form leaves the angle open
 _LOST = 1e-14  # of the scaled normal matrix: an eigenvalue that rounding leaves of nothing
 _WEAK, _OPEN = 10.0, 1e4  # times worse than across, to say so; mm
@@ -213,7 +212,7 @@ class ClassicalAnswer(Value):
     covariance  (12, 12) by linearisation, errors of pixels independent and as large as the residuals: rotation vector
                 of E (rad, camera frame), its translation (mm), then those of F
     rms         px per axis
-    remarks     what makes it doubtful
+    remarks     what makes it doubtful, in sentences
     """
 
     frames: HandEyeFrames
@@ -239,7 +238,7 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
         what = f"has {len(kept)} images whose points determine a pose"
         raise unusable("study", what, f"give at least {_LEAST_IMAGES} with {_LEAST_POINTS} points each")
     turn, shift = study.motions()
-    if np.ptp(turn[kept], axis=0).max() < _LEAST_TURN:
+    if np.ptp(turn[kept], axis=0).max() < LEAST_SPREAD:
         raise unusable("poses", "do not turn: nothing tells the camera's place", "add images with the hand turned")
     hand, model = Pose(shift[kept], quaternion_from_matrix(turn[kept])), PixelModel(study)
     starts = []
@@ -280,9 +279,9 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
     remarks = _weak_directions(study.setup, at.frames, covariance)
     if not study.uncertain and 0.0 < _APART * alone < rms:
         remarks.append(
-            f"single images fit to {nearest(alone, 2)} px rms, all together to {nearest(rms, 2)} px: the robot's poses "
+            f"Single images fit to {nearest(alone, 2)} px rms, all together to {nearest(rms, 2)} px: the robot's poses "
             "are off by more than the pixels. cpcal handeye study --of STUDY --off estimated makes a study that weighs "
-            "them"
+            "them."
         )
     return ClassicalAnswer(
         frames=at.frames,
@@ -397,12 +396,11 @@ def _weak_directions(setup: Setup, frames: HandEyeFrames, covariance: Floats) ->
         squares, axes = np.linalg.eigh(of)
         across, along = np.sqrt(np.maximum(squares[1:], 0.0)).tolist()
         if along > _WEAK * across:
-            upward = axes[:, 2] * np.sign(axes[np.argmax(np.abs(axes[:, 2])), 2])
-            axis = ", ".join(nearest(value, 2) for value in (np.round(upward, 2) + 0.0).tolist())
             far = f"to {nearest(along, 2)} mm" if along < _OPEN else "not at all"
             said.append(
-                f"the motions of the hand determine the place of the {name} along ({axis}) of the {frame} frame {far}, "
-                f"across it to {nearest(across, 2)} mm (one standard deviation, by least squares)"
+                f"The motions of the hand determine the place of the {name} along ({axis_text(axes[:, 2], 2)}) of the "
+                f"{frame} frame {far}, "
+                f"across it to {nearest(across, 2)} mm (one standard deviation, by least squares)."
             )
     return said
 

@@ -353,8 +353,8 @@ def certify_hand_eye(
     wide, end = None, time.monotonic() + time_limit
     if not outliers:
         wide = prover.turns(f"{RANGES}-turns", prover.chain(RANGES, eps, every, end), nearer, end)
-        eps = wide.eps
-        judged = _judged(study, kept, asked.center, own, eps)
+        if wide.eps != eps:
+            eps, judged = wide.eps, _judged(study, kept, asked.center, own, wide.eps)
     end = time.monotonic() + time_limit
     groups = [list(every[k :: outliers + 1]) for k in range(outliers + 1)]
     eps_lo, lower = _lower_end(prover, groups, wide, best, eps_hi, gap, end)

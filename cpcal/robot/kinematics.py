@@ -367,13 +367,18 @@ def calibrate_frames(robot_poses: Pose, camera_poses: Pose) -> FrameCalibration:
     return FrameCalibration(*(Pose(pose.position * unit, pose.quaternion) for pose in (x, z)))
 
 
+def axis_text(axis: Floats, decimals: int) -> str:
+    """A unit vector (3,) or its opposite, whichever has a positive largest entry."""
+    upward = np.round(axis * np.sign(axis[np.argmax(np.abs(axis))]), decimals) + 0.0
+    return ", ".join(f"{value:.{decimals}f}" for value in upward)
+
+
 def _spread(name: str, rotations: Floats) -> tuple[float, str, str]:
     """How far the rotations (N, 3, 3) of poses move the direction that they move least, rad; the poses' name, and that
     direction. InputError that says what is missing where it is zero."""
     left, size, _ = np.linalg.svd(rotations.mean(axis=0))
     least, _, most = np.sqrt(2.0 * np.maximum(0.0, 1.0 - size)).tolist()
-    axis = left[:, 0] * np.sign(left[np.argmax(np.abs(left[:, 0])), 0]) + 0.0
-    direction = ", ".join(f"{value:.3f}" for value in axis)
+    direction = axis_text(left[:, 0], 3)
     if least > LEAST_SPREAD:
         return least, name, direction
     what = f"hardly turn: by {most:.2g} rad (rms), which is not above {LEAST_SPREAD:.2g} rad"
@@ -395,9 +400,9 @@ def world_hand_eye(a: Pose, b: Pose, turn: float = 0.0) -> tuple[Pose, Pose]:
     """
     cross = np.cross(np.eye(3)[:, None], np.eye(3))  # (p, q, a): the axis of a rotation R is half of sum cross R_qp
     both = np.einsum("npk,nsl->pksl", a.rotation, b.rotation)
-    left, _, right = np.linalg.svd(np.einsum("pqa,stb,pksl,qktl->ab", cross, cross, both, both))
-    x = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
-    x = rotation_matrix(quaternion_from_rotation_vector(turn * left[:, 0])) @ x
+    axes = np.einsum("pqa,stb,pksl,qktl->ab", cross, cross, both, both)
+    most = np.linalg.svd(axes)[0][:, 0]  # of the A_i A_j^-1
+    x = rotation_matrix(quaternion_from_rotation_vector(turn * most)) @ nearest_rotation(axes)
     z = nearest_rotation(np.einsum("nji,njk->ik", a.rotation, x @ b.rotation))
     # t_X - R_A t_Z = t_A - R_X t_B, and none along an axis that all motions turn about, but for the rotations' errors
     off = np.linalg.norm(a.rotation @ z - x @ b.rotation, axis=(1, 2))  # sqrt(2) times the angles between both ways

@@ -598,8 +598,6 @@ _FIRST = 3  # of more rows, those that enter at the start, per column
 _ROOM = 1536  # and the most that enter at all
 _PIVOTS = 60  # for one program, per column
 _QUICK = 30_000  # coefficients, up to which all programs of a box are solved before the clock is looked at again
-
-
 _WORTHWHILE = 1e-3  # a bound that some vertex already meets to this (in [-1, 1]) needs no program
 
 
