@@ -24,17 +24,18 @@ Path_ = tuple[str | int, ...]
 
 
 def accepted_changes(
-    file: Path, verified: Callable[[], bool], but: str = "", *, every_place: bool = False
+    file: Path, verified: Callable[[], bool], but: str = "", *, thorough: bool = False
 ) -> Iterator[str]:
     """Keys of a JSON file that stand outside of the information (and of the key `but`), and an accepted change.
 
-    A key is changed in the last place that has it, or in `every_place`.
+    A key is changed in the last place that has it, in one way of three by turns; `thorough`: everywhere, in each.
     """
     text = file.read_text(encoding="utf-8")
     places = [path for path in _places(json.loads(text)) if path[0] != but]
     try:
-        for path in places if every_place else {key_of(path): path for path in places}.values():
-            for other in _changes(_at(json.loads(text), path)):
+        for k, path in enumerate(places if thorough else {key_of(path): path for path in places}.values()):
+            others = _changes(_at(json.loads(text), path))
+            for other in others if thorough else [others[k % 3]]:
                 data = json.loads(text)
                 _at(data, path[:-1])[path[-1]] = other
                 file.write_text(json.dumps(data), encoding="utf-8")

@@ -36,30 +36,30 @@ def verified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Verify:
 ELSEWHERE = ("pose sets", "solve", "fits", "hand-eye", "uncertain hand-eye", "wrong images")
 
 
-EXTENT = [False, pytest.param(True, marks=pytest.mark.nightly)]  # a key in one place, or wherever it stands
+EXTENT = [False, pytest.param(True, marks=pytest.mark.nightly)]  # a key in one place and way, or wherever it stands
 
 
-@pytest.mark.parametrize("every_place", EXTENT)
+@pytest.mark.parametrize("thorough", EXTENT)
 @pytest.mark.parametrize("kind", [kind for kind in RUNS if kind not in ELSEWHERE])
 def test_every_change_outside_of_the_information_is_refused(
-    kind: str, every_place: bool, tmp_path: Path, verified: Verify, genuine_run: Genuine
+    kind: str, thorough: bool, tmp_path: Path, verified: Verify, genuine_run: Genuine
 ) -> None:
     genuine_run(kind, tmp_path)
     assert verified()
     folder = tmp_path / "run" / ("lateral" if kind == "compare" else "")
     (file,) = (folder / name for name in FILES if (folder / name).exists())
     assert unlisted_keys(file) == []
-    assert list(accepted_changes(file, verified, every_place=every_place)) == []
+    assert list(accepted_changes(file, verified, thorough=thorough)) == []
 
 
-@pytest.mark.parametrize("every_place", EXTENT)
+@pytest.mark.parametrize("thorough", EXTENT)
 def test_every_change_of_what_a_pose_set_states_is_refused(
-    every_place: bool, tmp_path: Path, verified: Verify, genuine_run: Genuine
+    thorough: bool, tmp_path: Path, verified: Verify, genuine_run: Genuine
 ) -> None:
     genuine_run("pose sets", tmp_path)
     assert verified()
     file = tmp_path / "run" / "one.pose.json"
-    assert list(accepted_changes(file, verified, but="chains", every_place=every_place)) == []
+    assert list(accepted_changes(file, verified, but="chains", thorough=thorough)) == []
 
 
 def test_no_key_of_a_certificate_is_read_in_silence(tmp_path: Path, genuine_run: Genuine) -> None:
