@@ -1,7 +1,5 @@
 """Campaigns and studies that are changed: other sensors, fewer measurements."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

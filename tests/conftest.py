@@ -1,7 +1,5 @@
 """For all tests: no test depends on how fast the machine is, and each worker keeps to its own processor."""
 
-from __future__ import annotations
-
 import fcntl
 import gc
 import os

@@ -1,10 +1,8 @@
 """Every key of every file that `cpcal verify` reads, and what changes of them are accepted."""
 
-from __future__ import annotations
-
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any, get_args, get_origin
@@ -15,17 +13,11 @@ from cpcal.questions import RESULT_NAME, Result
 from cpcal.questions.accuracy import ACCURACY_NAME, Accuracy
 from cpcal.questions.hand_eye import HandEyeResult
 
-FILES = {
-    RESULT_NAME: Result,
-    ACCURACY_NAME: Accuracy,
-    HAND_EYE_NAME: HandEyeResult,
-}
+FILES = {RESULT_NAME: Result, ACCURACY_NAME: Accuracy, HAND_EYE_NAME: HandEyeResult}
 Path_ = tuple[str | int, ...]
 
 
-def accepted_changes(
-    file: Path, verified: Callable[[], bool], but: str = "", *, thorough: bool = False
-) -> Iterator[str]:
+def accepted_changes(file, verified, but="", *, thorough=False):
     """Keys of a JSON file that stand outside of the information (and of the key `but`), and an accepted change.
 
     A key is changed in the last place that has it, in one way of three by turns; `thorough`: everywhere, in each.

@@ -1,7 +1,5 @@
 """The checker's verdicts, remembered: they follow from bytes alone, so what was accepted need not be judged again."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

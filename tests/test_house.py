@@ -1,7 +1,5 @@
 """The house is kept in order: tests stand where what they test stands."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

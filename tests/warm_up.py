@@ -3,8 +3,6 @@
 python -m tests.warm_up [programs] [networks] [images] [legs]
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Methods that behave badly, for the harness to survive: named as `tests.benchmarks.fakes:Class`."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -1,7 +1,5 @@
 """The methods ask what they should: formulations against the equations, peers against cpcal where there are any."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

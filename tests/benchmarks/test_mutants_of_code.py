@@ -1,7 +1,5 @@
 """A mutant is applied to a copy, once and where it belongs; the tests that it names must pass without it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -94,9 +92,7 @@ def test_the_table_counts_by_area_and_gives_reasons() -> None:
 
 
 @pytest.mark.parametrize(("noticed", "status"), [(19, 0), (18, 1)])
-def test_below_95_percent_the_exit_status_is_1(
-    tree: Path, monkeypatch: pytest.MonkeyPatch, noticed: int, status: int
-) -> None:
+def test_below_95_percent_the_exit_status_is_1(tree, monkeypatch, noticed, status):
     mutants = [replace(SMALLER, false=f"{k}") for k in range(20)]
     monkeypatch.setattr(mutants_of_code, "HERE", tree)
     monkeypatch.setattr(mutants_of_code, "read", lambda: mutants)

@@ -1,7 +1,5 @@
 """The harness: whatever a method does, a run comes out; files of results are read, compared and written as pages."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from io import StringIO
@@ -72,9 +70,7 @@ def test_whatever_happens_is_a_result(method: str, status: str, note: str) -> No
         ("Good", {"setup": 0.01}, FAILED, "set-up"),  # never ready: no timeout of the task
     ],
 )
-def test_a_process_tells_its_run_or_how_it_ended(
-    method: str, options: dict[str, float], status: str, note: str
-) -> None:
+def test_a_process_tells_its_run_or_how_it_ended(method, options, status, note):
     run = perform(job(method, 0.2 if status == TIMEOUT else 60.0), **options)
     assert run.status == status
     assert note in run.note

@@ -1,7 +1,5 @@
 """The classic problems: each file is read, and has its entry from the literature; the quick ones agree with it."""
 
-from __future__ import annotations
-
 import pytest
 
 from benchmarks.solver_problems import PROBLEMS, literature, page, run

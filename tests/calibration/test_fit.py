@@ -10,13 +10,7 @@ from scipy.special import stdtrit
 from cpcal.calibration import Noise, fit
 from cpcal.common.errors import InputError
 from cpcal.models import fit_model, model_residuals
-from cpcal.robot import (
-    DELTALAB,
-    LegEquations,
-    quaternion_from_rotation_vector,
-    quaternion_product,
-    rotation_matrix,
-)
+from cpcal.robot import DELTALAB, LegEquations, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
 from cpcal.simulate import simulate, true_robot
 
 

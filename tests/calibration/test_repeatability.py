@@ -1,7 +1,5 @@
 """Whose scatter it is: the robot's own counts neither in standard errors nor in sets; drift and play are found."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

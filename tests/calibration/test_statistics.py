@@ -8,15 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from cpcal.calibration import (
-    Noise,
-    averaged,
-    campaign_deviations,
-    deviations,
-    fit,
-    mean_rotations,
-    screen,
-)
+from cpcal.calibration import Noise, averaged, campaign_deviations, deviations, fit, mean_rotations, screen
 from cpcal.common.errors import InputError
 from cpcal.robot import quaternion_conjugate, quaternion_from_rotation_vector, quaternion_product, rotation_vector
 from cpcal.simulate import simulate

@@ -1,7 +1,5 @@
 """True certificates of small problems, whole ones and one step by step, for the tests to believe and to forge."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

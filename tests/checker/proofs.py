@@ -1,7 +1,5 @@
 """Certificates in lines, with what is known of the answer: whole ones and every kind of step."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -15,13 +13,12 @@ import numpy as np
 from cpcal.checker.rule import Box as ExactBox
 from cpcal.checker.rule import Problem, Rule, Unknowns, Weights
 from cpcal.solver import plugins
-from cpcal.solver.certificate.exact_network import Statement, free, limits, number
+from cpcal.solver.certificate.exact_network import free, limits, number
 from cpcal.solver.certificate.float_rows import AllReadings, failing, holding, measured
 from cpcal.solver.certificate.prover import WeightProver
 from cpcal.solver.certificate.recording import with_readings
 from cpcal.solver.interval import Box
 from cpcal.solver.interval.numbers import round_down, round_up
-from cpcal.solver.network import ConstraintNetwork
 
 Lines = list[dict[str, Any]]
 STEPS = ("split", "exclude", "pass", "halve")  # of the proofs that have every kind of step
@@ -147,13 +144,7 @@ def tightest(rule: Rule, given: Sequence[Any], lo: list[float], hi: list[float])
     return bounds
 
 
-def short(
-    folder: Path | None,
-    statement: Statement,
-    network: ConstraintNetwork,
-    goal: str,
-    point: Sequence[float],
-) -> Proof:
+def short(folder, statement, network, goal, point):
     """A proof in the network's small box about the best point: one pass with bounds of the objective and two others."""
     ((_, lifted),) = plugins.build_each(network, ("lifted",), objective=goal)
     domain, o = network.domain, network.names.index(goal)

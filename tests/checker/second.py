@@ -1,7 +1,5 @@
 """The checker of pages, in JavaScript, beside the one in Python: what the tests of both share."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable

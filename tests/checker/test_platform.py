@@ -1,7 +1,5 @@
 """The pose of a platform whose legs are uncertain: the checker proves it again from the claims about the legs."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math
@@ -19,13 +17,7 @@ from cpcal.checker.platform import AboutCenter, Commanded, Leg, LegEquation, che
 from cpcal.files.folders import save_campaign_json
 from cpcal.models.platform import centered
 from cpcal.models.platform import pose_bounds as uncertified_bounds
-from cpcal.questions.accuracy import (
-    ACCURACY_NAME,
-    NamedPoses,
-    certify_accuracy,
-    load_accuracy,
-    save_accuracy,
-)
+from cpcal.questions.accuracy import ACCURACY_NAME, NamedPoses, certify_accuracy, load_accuracy, save_accuracy
 from cpcal.robot import (
     Pose,
     Robot,

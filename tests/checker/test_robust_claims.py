@@ -1,7 +1,5 @@
 """A robust claim stands by its certificates alone: every way to say more than they prove is refused."""
 
-from __future__ import annotations
-
 import json
 import shutil
 

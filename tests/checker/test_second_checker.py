@@ -3,8 +3,6 @@
 It was written from docs/certificate-format.md alone. forged/test_forged.py asks both about every forgery.
 """
 
-from __future__ import annotations
-
 import random
 from hashlib import sha256
 from pathlib import Path
@@ -32,9 +30,7 @@ def agree(checked: Any, second: Second, content: bytes, folder: Path | None) -> 
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_true_certificates_are_accepted(
-    kind: str, request: pytest.FixtureRequest, checked: Any, second: Second
-) -> None:
+def test_true_certificates_are_accepted(kind, request, checked, second):
     proof = request.getfixturevalue(kind)
     assert agree(checked, second, encoded(proof.lines), proof.folder) == ""
 
@@ -58,9 +54,7 @@ def test_mutations_end_alike(short_proof: Any, checked: Any, second: Second) -> 
 
 
 @pytest.mark.parametrize("model", EXTRA)
-def test_both_ask_the_same_eps_of_a_point_for_all_readings(
-    model: str, uncertain_proof: Any, checked: Any, second: Second, tmp_path: Path
-) -> None:
+def test_both_ask_the_same_eps_of_a_point_for_all_readings(model, uncertain_proof, checked, second, tmp_path):
     """To the last of 50 bits, of sets so wide that what turns over within them counts: in the same exact numbers."""
     rng, folder = random.Random(model), tmp_path / "wide"
     saved(folder, joint_error=10.0, factor=300.0, extremal=False, random_poses=16)

@@ -1,7 +1,5 @@
 """Rows of a target in an image: at most zero at every truth, in exact numbers, and hardly below where a box is met."""
 
-from __future__ import annotations
-
 import random
 from fractions import Fraction as F
 

@@ -1,7 +1,5 @@
 """What the tests of several verbs begin with: campaigns and runs that are quick to certify; nobody writes into them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

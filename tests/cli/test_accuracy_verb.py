@@ -1,7 +1,5 @@
 """`cpcal accuracy` from a run on disk to its page; what it cannot use it refuses before it works."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import pytest

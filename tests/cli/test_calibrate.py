@@ -52,11 +52,7 @@ def test_without_verbose_it_ends_with_twelve_lines_that_hold_the_doubts(tmp_path
 
 @pytest.mark.parametrize(
     ("arguments", "text"),
-    [
-        (["--factor", "0"], "--factor"),
-        (["--factor", "nan"], "--factor"),
-        (["--lens", "-1"], "lens"),
-    ],
+    [(["--factor", "0"], "--factor"), (["--factor", "nan"], "--factor"), (["--lens", "-1"], "lens")],
 )
 def test_senseless_options_are_refused(study, tmp_path, arguments, text):
     assert text in refused("calibrate", study, "-o", tmp_path / "c", *arguments)

@@ -1,7 +1,5 @@
 """No number is only stated: every change of a file that `cpcal verify` reads is refused, or it is information."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -41,9 +39,7 @@ EXTENT = [False, pytest.param(True, marks=pytest.mark.nightly)]  # a key in one 
 
 @pytest.mark.parametrize("thorough", EXTENT)
 @pytest.mark.parametrize("kind", [kind for kind in RUNS if kind not in ELSEWHERE])
-def test_every_change_outside_of_the_information_is_refused(
-    kind: str, thorough: bool, tmp_path: Path, verified: Verify, genuine_run: Genuine
-) -> None:
+def test_every_change_outside_of_the_information_is_refused(kind, thorough, tmp_path, verified, genuine_run):
     genuine_run(kind, tmp_path)
     assert verified()
     folder = tmp_path / "run" / ("lateral" if kind == "compare" else "")
@@ -53,9 +49,7 @@ def test_every_change_outside_of_the_information_is_refused(
 
 
 @pytest.mark.parametrize("thorough", EXTENT)
-def test_every_change_of_what_a_pose_set_states_is_refused(
-    thorough: bool, tmp_path: Path, verified: Verify, genuine_run: Genuine
-) -> None:
+def test_every_change_of_what_a_pose_set_states_is_refused(thorough, tmp_path, verified, genuine_run):
     genuine_run("pose sets", tmp_path)
     assert verified()
     file = tmp_path / "run" / "one.pose.json"

@@ -1,7 +1,5 @@
 """Images by the command line: rendered, detected, joined with leg readings, calibrated."""
 
-from __future__ import annotations
-
 import csv
 
 import numpy as np

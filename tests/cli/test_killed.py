@@ -1,7 +1,5 @@
 """A certify that is killed, whenever: `verify` says unfinished, or accepts the whole answers of one run."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import sys

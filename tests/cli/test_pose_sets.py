@@ -1,7 +1,5 @@
 """`cpcal image sets` and its verification, on a rendered image."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

@@ -1,7 +1,5 @@
 """While a verb works it says now and then how far it is."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterable
 

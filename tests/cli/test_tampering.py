@@ -1,7 +1,5 @@
 """`cpcal verify` refuses every run that was touched: nothing that a run states is believed without its certificate."""
 
-from __future__ import annotations
-
 import json
 import math
 import shutil

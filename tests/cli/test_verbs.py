@@ -1,7 +1,5 @@
 """The verbs, in one process: what they write, print and refuse, how much they say, and help that can be tried."""
 
-from __future__ import annotations
-
 import shlex
 from typing import Any
 

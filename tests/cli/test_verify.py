@@ -1,7 +1,5 @@
 """`cpcal verify`: accepts what certify wrote, refuses what was touched."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import shutil

@@ -1,7 +1,5 @@
 """Files appear complete or not at all, and nothing outside is touched."""
 
-from __future__ import annotations
-
 import os
 import re
 

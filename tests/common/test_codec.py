@@ -1,7 +1,5 @@
 """One codec for all JSON files: what goes out comes back, and nothing else is accepted."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

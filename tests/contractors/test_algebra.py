@@ -1,7 +1,5 @@
 """Contractors compose: `Then`, `Union`, `Repeat` on ours and on those of third parties."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

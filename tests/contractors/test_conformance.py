@@ -1,7 +1,5 @@
 """Every registered contractor, and the algebra, keeps the promises of `solver.testing`; broken ones are refused."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import tomllib
@@ -13,20 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from contractors import (
-    HC4,
-    Cid,
-    Lifted,
-    Newton,
-)
+from contractors import HC4, Cid, Lifted, Newton
 from cpcal.solver import plugins, testing
-from cpcal.solver.contract import (
-    Contraction,
-    Contractor,
-    ContractorFactory,
-    Repeat,
-    Step,
-)
+from cpcal.solver.contract import Contraction, Contractor, ContractorFactory, Repeat, Step
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.testing import CONFORMANCE, Case, boxes, cases, check_contractor
@@ -51,9 +38,7 @@ def sliced(network: ConstraintNetwork, **options: Any) -> Contractor:
 
 
 ALGEBRA = {"then": then, "union": union, "repeat": repeated}
-VARIANTS = {
-    "cid with newton": sliced,
-}
+VARIANTS = {"cid with newton": sliced}
 OURS = tomllib.loads(Path(__file__).parents[2].joinpath("pyproject.toml").read_text())["project"]["entry-points"]
 FACTORIES = {name: plugins.load(name) for name in OURS[plugins.GROUP]} | ALGEBRA
 

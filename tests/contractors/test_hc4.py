@@ -1,7 +1,5 @@
 """hc4: batches are what their boxes are alone; constants lose no emptiness."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """krawczyk and beaumont: examples from the literature, what no polyhedron may lose, and what lifted does, too."""
 
-from __future__ import annotations
-
 import itertools
 from fractions import Fraction
 
@@ -60,10 +58,7 @@ def linear(matrix: tuple[Floats, Floats], right: tuple[Floats, Floats], lo: Floa
     return net
 
 
-BARTH_NUDING = (
-    (np.array([[2.0, -2], [-1, 2]]), np.array([[4.0, 1], [2, 4]])),
-    (np.full(2, -2.0), np.full(2, 2.0)),
-)
+BARTH_NUDING = ((np.array([[2.0, -2], [-1, 2]]), np.array([[4.0, 1], [2, 4]])), (np.full(2, -2.0), np.full(2, 2.0)))
 HANSEN = ((np.array([[2.0, 0], [1, 2]]), np.array([[3.0, 1], [2, 3]])), (np.array([0.0, 60]), np.array([120.0, 240])))
 NEUMAIER = (  # 3.5 on the diagonal, [0, 2] elsewhere
     (3.5 * np.eye(3), 3.5 * np.eye(3) + 2 * (1 - np.eye(3))),

@@ -1,7 +1,5 @@
 """lifted: its matrices against exact fractions, and what it must do that hc4 cannot."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from itertools import combinations_with_replacement
 

@@ -1,7 +1,5 @@
 """The Newton contractor: quadratic near a zero, refuting far from one, on square parts of any network."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

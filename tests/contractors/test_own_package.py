@@ -1,7 +1,5 @@
 """The package of docs/extending.md is built, installed without a network, and its parts run by their names."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """All but q constraints: the exact q-intersection against brute force, and ranges of which one is false."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """regression: what the equations' tolerances alone say of each variable, and when they say nothing."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The rows that carry the proofs hold at every solution of the box, exactly."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from math import prod
 

@@ -1,7 +1,5 @@
 """What hc4 alone can not do: constructive disjunction goes beyond its fixpoint."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

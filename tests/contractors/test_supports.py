@@ -1,7 +1,5 @@
 """Half-spaces of lifted: they hold every solution in a box, and say more than the box where unknowns are tied."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

@@ -164,8 +164,7 @@ def test_fifty_problems_are_listed_and_the_others_counted(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "row",
-    ["rubbish", "a,1,x,y,z,qw,qx,qy,qz,L1,L2", "a,1,1,2,3,1,0,0,0,10,11", '"', "\xff", "\0", "q," * 3000],
+    "row", ["rubbish", "a,1,x,y,z,qw,qx,qy,qz,L1,L2", "a,1,1,2,3,1,0,0,0,10,11", '"', "\xff", "\0", "q," * 3000]
 )
 def test_rubbish_without_end_is_given_up_soon(tmp_path, row):
     content = (CSV.splitlines()[0] + "\n").encode() + (row + "\n").encode("latin-1") * (

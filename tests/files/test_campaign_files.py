@@ -119,11 +119,7 @@ def test_override_columns_replace_half_widths_row_by_row(tmp_path):
     extra = [",dy,dL6,drx", ",0.5,,1e-3", ",,0,", *[",,,"] * 62]
     table.write_text("".join(f"{line}{more}\n" for line, more in zip(lines, extra, strict=True)))
     plain, loaded = simulate(seed=1, factor=2.0), load_campaign(tmp_path)
-    assert loaded.position_radius[0].tolist() == [
-        plain.position_radius[0, 0],
-        0.5,
-        plain.position_radius[0, 2],
-    ]
+    assert loaded.position_radius[0].tolist() == [plain.position_radius[0, 0], 0.5, plain.position_radius[0, 2]]
     assert loaded.rotation_radius[0].tolist() == [1e-3, *plain.rotation_radius[0, 1:]]
     assert loaded.length_radius[1].tolist() == [*plain.length_radius[1, :5], 0.0]
     assert np.array_equal(loaded.length_radius[2:], plain.length_radius[2:])

@@ -1,7 +1,5 @@
 """Folders of answers: never two writers, never a file of somebody else; tests/cli/test_killed.py: never a mixture."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from pathlib import Path

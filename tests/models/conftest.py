@@ -1,8 +1,6 @@
 """Runs are verified many times, each with something else edited: what was accepted of the same bytes is not judged
 again."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """One simulated robot for several folders: its joint error is at most ERROR at every pose, so what is assumed holds."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The classical answer and the minimax fit of simulated studies."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 
@@ -21,14 +19,7 @@ from cpcal.models.hand_eye_fit import (
     minimax_fit,
 )
 from cpcal.models.hand_eye_sources import with_half_widths
-from cpcal.robot import (
-    Pose,
-    compose,
-    inverse,
-    normalised,
-    quaternion_from_rotation_vector,
-    quaternion_product,
-)
+from cpcal.robot import Pose, compose, inverse, normalised, quaternion_from_rotation_vector, quaternion_product
 from tests.models.conftest import unknowns_of
 
 SETUPS = ["eye-in-hand", "eye-to-hand"]

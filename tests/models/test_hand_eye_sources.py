@@ -10,13 +10,7 @@ from scipy.spatial.transform import Rotation
 from cpcal.common.errors import InputError
 from cpcal.models.hand_eye import load_hand_poses, simulate_hand_eye
 from cpcal.models.hand_eye_fit import classical_answer
-from cpcal.models.hand_eye_sources import (
-    other_direction,
-    photo_names,
-    read_pose_pairs,
-    study_of_pairs,
-    study_of_photos,
-)
+from cpcal.models.hand_eye_sources import other_direction, photo_names, read_pose_pairs, study_of_pairs, study_of_photos
 from cpcal.robot import Pose, inverse, quaternion_from_matrix
 from cpcal.vision.camera import Camera
 from cpcal.vision.target import target_from

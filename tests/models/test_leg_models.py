@@ -1,7 +1,5 @@
 """Leg models: their equations, fits and certificates against independent formulas; what is refused."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from fractions import Fraction as F

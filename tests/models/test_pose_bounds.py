@@ -1,7 +1,5 @@
 """The true pose of a robot whose model error is as assumed lies where it is proved to lie."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -9,16 +7,7 @@ import pytest
 
 from cpcal.common.errors import InputError
 from cpcal.models.leg_set import SIZE, AskedSet, certified_set
-from cpcal.models.platform import (
-    Cells,
-    Equations,
-    Workspace,
-    cell_bounds,
-    cover,
-    pose_bounds,
-    proved_sizes,
-    sizes,
-)
+from cpcal.models.platform import Cells, Equations, Workspace, cell_bounds, cover, pose_bounds, proved_sizes, sizes
 from cpcal.robot import (
     Pose,
     Robot,

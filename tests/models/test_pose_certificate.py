@@ -1,7 +1,5 @@
 """Pose sets that are certified from pixels on: true poses inside, and nothing that does not follow accepted."""
 
-from __future__ import annotations
-
 from fractions import Fraction as F
 from pathlib import Path
 
@@ -32,10 +30,7 @@ def seen(rng: np.random.Generator, cameras: CameraSet, targets: TargetSet) -> tu
     return pose, PixelBoxes.around(numbers, moved, 0.05, of_images=True)
 
 
-SETS = {
-    "exact": CameraSet(DELTALAB_CAMERA),
-    "ellipsoid": CameraSet.ellipsoid(DELTALAB_CAMERA, np.diag(WIDTHS**2), 1.0),
-}
+SETS = {"exact": CameraSet(DELTALAB_CAMERA), "ellipsoid": CameraSet.ellipsoid(DELTALAB_CAMERA, np.diag(WIDTHS**2), 1.0)}
 
 
 @pytest.mark.parametrize("kind", list(SETS))

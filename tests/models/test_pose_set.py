@@ -1,7 +1,5 @@
 """Guaranteed pose sets: the true pose is inside, the set is hardly wider than it must be, and nothing is guessed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import linprog
@@ -9,13 +7,7 @@ from scipy.optimize import linprog
 from benchmarks.pose_sets import drawn_pose
 from cpcal.common.errors import InputError
 from cpcal.models.sight import PixelBoxes, PoseSet, enclose_pose
-from cpcal.robot import (
-    Pose,
-    normalised,
-    quaternion_from_rotation_vector,
-    quaternion_product,
-    transformed,
-)
+from cpcal.robot import Pose, normalised, quaternion_from_rotation_vector, quaternion_product, transformed
 from cpcal.solver.contract import Verdict
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.projection import predicted_centers

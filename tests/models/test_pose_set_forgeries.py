@@ -1,7 +1,5 @@
 """Pose sets that are certified from pixels on: nothing that does not follow from what is assumed is accepted."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Minibex: each feature means what the language says; what is wrong has its line and column."""
 
-from __future__ import annotations
-
 import math
 import random
 

@@ -1,7 +1,5 @@
 """AMPL's .nl: what its segments mean, and what is wrong has its line; answers as JSON and .sol."""
 
-from __future__ import annotations
-
 import json
 import random
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Pyomo's models: proved optima, bounds, infeasibility, all solutions, a certificate. Skipped without pyomo."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

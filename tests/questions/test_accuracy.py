@@ -1,7 +1,5 @@
 """The whole certificate, from a run to its page: what is assumed stands first, what is proved holds."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from fractions import Fraction

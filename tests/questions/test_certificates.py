@@ -1,7 +1,5 @@
 """certify writes certificates: they prove exactly what the result says."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from fractions import Fraction as F
 from pathlib import Path

@@ -1,7 +1,5 @@
 """eps* when some measurements may be wrong: found, proved whichever they are, and never above what trying all gives."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import combinations, count

@@ -1,7 +1,5 @@
 """Comparisons: a gain error is found, nothing is found where nothing is, larger models are never worse."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

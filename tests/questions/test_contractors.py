@@ -1,7 +1,5 @@
 """Every contractor that was asked for takes part; the certificate holds what weights prove, and both are told apart."""
 
-from __future__ import annotations
-
 import json
 import math
 from fractions import Fraction as F
@@ -68,9 +66,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> tuple[cpcal.Campaign, 
 
 
 @pytest.mark.parametrize("method", ["bound", "timeout"])
-def test_hc4_is_called_in_a_search_that_writes_certificates(
-    campaign: tuple[cpcal.Campaign, Path], method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_hc4_is_called_in_a_search_that_writes_certificates(campaign, method, tmp_path, monkeypatch):
     seen = calls_of(monkeypatch, HC4)
     question: dict[str, Any] = {"method": method, "gap": 0.3, "time_limit": 30.0, "delta": 1.0, "support": "few"}
     leg = cpcal.certify(campaign[0], legs=[1], contractors=("hc4", "lifted"), certificates=tmp_path, **question).legs[0]
@@ -86,9 +82,7 @@ def test_hc4_is_called_in_a_search_that_writes_certificates(
     assert check(tmp_path / "leg1.cert.jsonl").claims.eps_lo == F(leg.bracket.lo)
 
 
-def test_what_weights_do_not_prove_in_time_is_not_the_answer(
-    campaign: tuple[cpcal.Campaign, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_weights_do_not_prove_in_time_is_not_the_answer(campaign, tmp_path, monkeypatch):
     """A bound of the leg that only one contractor knows is no answer: the one that the certificate proves is."""
     known = 0.9 * cpcal.certify(campaign[0], legs=[1], delta=2.0).legs[0].bracket.lo
     load = plugins.load

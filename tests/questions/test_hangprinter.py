@@ -1,7 +1,5 @@
 """Real data, a user-defined constraint set: the anchors of a Hangprinter, as the example has them."""
 
-from __future__ import annotations
-
 import runpy
 from pathlib import Path
 
@@ -13,10 +11,7 @@ from cpcal.checker import check
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLES = ROOT.parents[0] / "shared" / "data" / "hangprinter" / "samples.csv"
-EPS = {
-    "linear": (2.318231, 2.211257, 2.752856, 3.192902),
-    "quadratic": (1.649541, 1.481699, 2.265669, 2.345835),
-}
+EPS = {"linear": (2.318231, 2.211257, 2.752856, 3.192902), "quadratic": (1.649541, 1.481699, 2.265669, 2.345835)}
 
 
 @pytest.mark.real_data

@@ -11,15 +11,7 @@ from hypothesis import strategies as st
 
 import cpcal
 from cpcal.cli.certify import STYLES
-from cpcal.questions import (
-    CampaignNote,
-    Determination,
-    Options,
-    PassesFrom,
-    Ranges,
-    Recommended,
-    verdict_of,
-)
+from cpcal.questions import CampaignNote, Determination, Options, PassesFrom, Ranges, Recommended, verdict_of
 from cpcal.solver.contract import Verdict
 from tests.changed import leg_with
 

@@ -1,7 +1,5 @@
 """certify on simulated campaigns: brackets, reading sets, deficient data, both arithmetics, questions about one eps."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Next poses narrow what is not known; what is said of them is a first-order estimate."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

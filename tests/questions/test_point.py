@@ -1,7 +1,5 @@
 """Certification of given points: what is proved of each measurement, against exact arithmetic and sampled readings."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The parameters to load: right for ALL readings, proved; and worse sensors never turn a fail into a pass."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -121,9 +119,7 @@ def test_worse_sensors_never_turn_a_fail_into_a_pass(free: LegResult) -> None:
 
 
 @pytest.mark.parametrize("share", [0.25, 0.75])
-def test_what_is_recommended_conforms_with_the_least_sum_of_squares(
-    share: float, free: LegResult, tmp_path: Path
-) -> None:
+def test_what_is_recommended_conforms_with_the_least_sum_of_squares(share, free, tmp_path):
     of = campaign()
     assert free.recommended is not None
     assert free.passes_from is not None

@@ -1,7 +1,5 @@
 """The whole classical way on simulated studies: what was put in comes out, and goes through a file."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace
@@ -17,14 +15,7 @@ from cpcal.calibration.statistics import study_rows
 from cpcal.files import load_study, save_study
 from cpcal.questions import Inputs, StudyCalibration, budget, calibrate_study, load_record, save_record
 from cpcal.report.study_page import calibration
-from cpcal.robot import (
-    DELTALAB,
-    PoseTable,
-    Robot,
-    Study,
-    inverse,
-    transformed,
-)
+from cpcal.robot import DELTALAB, PoseTable, Robot, Study, inverse, transformed
 from cpcal.simulate import simulate_study, true_robot
 from tests.changed import with_outliers
 

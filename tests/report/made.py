@@ -1,7 +1,5 @@
 """Results for the pages' tests, without running the solver."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -22,14 +22,7 @@ def campaign():
 @pytest.mark.parametrize(
     "asked",
     [
-        {
-            "legs": [2],
-            "eps": 0.1,
-            "model": "gain",
-            "tolerance": 0.5,
-            "time_limit": 60.0,
-            "support": "none",
-        },
+        {"legs": [2], "eps": 0.1, "model": "gain", "tolerance": 0.5, "time_limit": 60.0, "support": "none"},
         {"legs": [3], "delta": 12.5, "center": "nominal", "gap": 1e-3, "contractors": ("hc4", "lifted")},
     ],
 )

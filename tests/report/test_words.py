@@ -1,7 +1,5 @@
 """Words of verdicts: what is not proved is not said to be proved, and one leg's doubt is the robot's."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -8,14 +8,7 @@ from scipy.spatial.transform import Rotation
 from cpcal import load_log
 from cpcal.common.errors import InputError
 from cpcal.robot import DELTALAB, Campaign, Uncertainty, rotation_matrix
-from cpcal.robot.units import (
-    SEQUENCES,
-    ColumnSource,
-    RotationForm,
-    column_map,
-    override_columns,
-    reading_columns,
-)
+from cpcal.robot.units import SEQUENCES, ColumnSource, RotationForm, column_map, override_columns, reading_columns
 from cpcal.simulate import simulate
 
 pandas = pytest.importorskip("pandas")

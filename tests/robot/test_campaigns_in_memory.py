@@ -27,11 +27,7 @@ def test_half_widths_in_memory_broadcast():
 
 
 def in_memory(**changes):
-    values = {
-        "position": np.zeros((3, 3)),
-        "quaternion": np.tile([1.0, 0, 0, 0], (3, 1)),
-        "length": np.zeros((3, 6)),
-    }
+    values = {"position": np.zeros((3, 3)), "quaternion": np.tile([1.0, 0, 0, 0], (3, 1)), "length": np.zeros((3, 6))}
     how = {} if "uncertainty" in changes else {"exact": True}
     return Campaign.of(DELTALAB, **values | how | changes)
 
@@ -58,10 +54,7 @@ def test_every_problem_of_a_campaign_in_memory_is_reported_at_once():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        (
-            {"position": np.zeros((0, 3)), "quaternion": np.zeros((0, 4)), "length": np.zeros((0, 6))},
-            "no meas",
-        ),
+        ({"position": np.zeros((0, 3)), "quaternion": np.zeros((0, 4)), "length": np.zeros((0, 6))}, "no meas"),
         ({"length": np.zeros((3, 5))}, r"has the shape \(3, 5\), not \(3, 6\)"),
         ({"quaternion": np.zeros((2, 4))}, "campaign quaternion"),
         ({"position_radius": np.zeros((2, 3))}, "campaign position_radius"),

@@ -107,12 +107,7 @@ def test_what_cannot_be_assembled_is_said_and_which():
 
 @pytest.mark.parametrize(
     ("readings", "message"),
-    [
-        ([70.0] * 5, "expected"),
-        ([float("nan")] * 6, "finite"),
-        ([1e9] * 6, "are they in mm"),
-        (3.0, "expected"),
-    ],
+    [([70.0] * 5, "expected"), ([float("nan")] * 6, "finite"), ([1e9] * 6, "are they in mm"), (3.0, "expected")],
 )
 def test_senseless_readings_are_refused(readings, message):
     with pytest.raises(KinematicsError, match=message):

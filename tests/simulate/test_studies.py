@@ -15,13 +15,7 @@ from cpcal.simulate.campaigns import EULER_SIGMA, LENGTH_SIGMA, POSITION_SIGMA
 from cpcal.simulate.studies import mechanisms_of
 
 SMALL = {"runs": 2, "validation_runs": 2, "random_poses": 5}
-MECHANISMS = {
-    "joint_error": 0.5,
-    "axis_offset": 1.0,
-    "backlash": 1.0,
-    "sag": 1.0,
-    "gain": 0.001,
-}
+MECHANISMS = {"joint_error": 0.5, "axis_offset": 1.0, "backlash": 1.0, "sag": 1.0, "gain": 0.001}
 
 
 def files(study):

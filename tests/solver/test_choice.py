@@ -1,7 +1,5 @@
 """Without options: methods by structure, in turns; whole numbers, parameters for all, relaxed equations, boundaries."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Compiled functions, and what happens where they cannot be compiled or kept."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """What follows from polynomial equations holds wherever they do."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from pathlib import Path
 from typing import Any

@@ -3,8 +3,6 @@
 As a command, many of them: `python -m tests.solver.test_exact_programs 3000`.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

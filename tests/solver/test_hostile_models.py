@@ -1,7 +1,5 @@
 """Models that are asked too much, or wrongly: a right answer, checked by hand, or a clear error."""
 
-from __future__ import annotations
-
 import math
 from decimal import Decimal
 from fractions import Fraction
@@ -222,9 +220,7 @@ def test_a_solution_of_equations_that_is_exact_is_certified(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("lowest", "degree", "why"), [(-np.inf, 2, "bounded box: give t a finite"), (-9, 9, "of degree at most 8")]
 )
-def test_what_no_certificate_can_state_is_refused_before_the_work(
-    tmp_path: Path, lowest: float, degree: int, why: str
-) -> None:
+def test_what_no_certificate_can_state_is_refused_before_the_work(tmp_path, lowest, degree, why):
     net = cpcal.Network()
     x, t = net.variable("x", domain=(0, 2)), net.variable("t", domain=(lowest, 9))
     net.add(x**degree <= t)

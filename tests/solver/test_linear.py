@@ -1,7 +1,5 @@
 """Engines propose, rigorous bounds dispose: against exact rationals, HiGHS and points of the polyhedron."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A minimisation that is stopped anywhere and gone on with ends in the answer and the certificate it would have had."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys
@@ -49,9 +47,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[tuple[object, ...],
 
 
 @pytest.mark.parametrize(("options", "step"), [(LIFTED, 40), (HC4, 120)])
-def test_stopped_again_and_again_it_ends_in_the_same_answer(
-    options: dict[str, object], step: int, tmp_path: Path, whole: tuple[tuple[object, ...], bytes]
-) -> None:
+def test_stopped_again_and_again_it_ends_in_the_same_answer(options, step, tmp_path, whole):
     proof = tmp_path / "part" if options is LIFTED else None
     file, stops = tmp_path / "search", 0
     while True:
@@ -80,9 +76,7 @@ def test_a_checkpoint_is_of_one_problem_its_options_and_its_certificate(tmp_path
     assert solved(**HC4, nodes=50, checkpoint=file).nodes == part.nodes  # without resume it begins anew
 
 
-def test_killed_at_any_moment_it_goes_on_to_the_same_certificate(
-    tmp_path: Path, whole: tuple[tuple[object, ...], bytes]
-) -> None:
+def test_killed_at_any_moment_it_goes_on_to_the_same_certificate(tmp_path, whole):
     script = tmp_path / "run.py"
     script.write_text(
         "import sys\n"
@@ -101,9 +95,7 @@ def test_killed_at_any_moment_it_goes_on_to_the_same_certificate(
     assert (answer(found), (tmp_path / "part").read_bytes()) == whole
 
 
-def test_a_disk_that_fills_up_with_steps_costs_the_certificate_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: tuple[tuple[object, ...], bytes]
-) -> None:
+def test_a_disk_that_fills_up_with_steps_costs_the_certificate_alone(tmp_path, monkeypatch, whole):
     full = tempfile.TemporaryFile
 
     class Full:

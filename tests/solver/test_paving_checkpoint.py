@@ -1,7 +1,5 @@
 """A paving that is stopped anywhere and gone on with ends in the answer that it would have had."""
 
-from __future__ import annotations
-
 import gzip
 
 import pytest

@@ -5,8 +5,6 @@ the two float64 numbers next to the value at the point (one, where the value is 
 equation), so that a single missing rounding loses it. What is proved is evaluated again at 400 bits, by arb alone.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re

@@ -1,7 +1,5 @@
 """Entry points: one name, one package; what does not load says why."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -48,9 +46,7 @@ def test_two_packages_that_register_one_name_are_both_named(monkeypatch: pytest.
     assert plugins.load("lifted").__name__ == "Lifted"
 
 
-def test_the_list_of_plugins_leaves_with_status_2_where_two_packages_register_one_name(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_list_of_plugins_leaves_with_status_2_where_two_packages_register_one_name(monkeypatch):
     registered(monkeypatch, ("hc4", "contractors.hc4:HC4", "cpcal"), ("hc4", "theirs.fast:HC4", "fast-hc4"))
     done = CliRunner().invoke(app, ["plugins"])
     assert done.exit_code == 2
@@ -75,9 +71,7 @@ assert pickle.loads(pickle.dumps(plugins.load("hc4"))) is plugins.load("hc4")
 @pytest.mark.parametrize(
     ("stranger", "before"), [("contractors.py", "import contractors"), ("contractors/__init__.py", "")]
 )
-def test_a_module_of_the_same_name_is_neither_hidden_nor_run_for_ours(
-    tmp_path: Path, stranger: str, before: str
-) -> None:
+def test_a_module_of_the_same_name_is_neither_hidden_nor_run_for_ours(tmp_path, stranger, before):
     (tmp_path / stranger).parent.mkdir(exist_ok=True)
     (tmp_path / stranger).write_text("print('theirs runs')\nmine = 7\n")
     code = [sys.executable, "-c", STRANGER.format(before=before)]

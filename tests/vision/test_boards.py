@@ -1,7 +1,5 @@
 """Targets that people have, in rendered images and in real photographs: found, and where they are."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,13 +7,7 @@ import numpy as np
 import pytest
 
 from cpcal.common.values import Floats
-from cpcal.robot import (
-    Pose,
-    quaternion_conjugate,
-    quaternion_from_rotation_vector,
-    quaternion_product,
-    rotation_vector,
-)
+from cpcal.robot import Pose, quaternion_conjugate, quaternion_from_rotation_vector, quaternion_product, rotation_vector
 from cpcal.vision.boards import DEVIATION
 from cpcal.vision.calibrate import calibrate_from_images
 from cpcal.vision.camera import Camera

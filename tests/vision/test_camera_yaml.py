@@ -1,7 +1,5 @@
 """Cameras of OpenCV and ROS: what their own programs write is read."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -63,8 +61,7 @@ def test_a_file_of_ros_is_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("model", "camera"),
-    [("rational_polynomial", RATIONAL), ("equidistant", FISHEYE), ("fisheye", FISHEYE)],
+    ("model", "camera"), [("rational_polynomial", RATIONAL), ("equidistant", FISHEYE), ("fisheye", FISHEYE)]
 )
 def test_other_lenses_of_ros_are_read(tmp_path: Path, model: str, camera: Camera) -> None:
     text = ROS.replace("plumb_bob", model)

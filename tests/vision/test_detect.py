@@ -1,7 +1,5 @@
 """Folders of images to poses: the same table whatever the workers, nothing redone, a reason for every bad image."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The tables between images and a study: poses.csv and leg readings, written and read back."""
 
-from __future__ import annotations
-
 import csv
 import io
 from dataclasses import replace
@@ -15,12 +13,7 @@ from cpcal.common.documents import unguarded
 from cpcal.common.errors import InputError
 from cpcal.files.tables import load_readings, readings_bytes, readings_of
 from cpcal.simulate import simulate_study
-from cpcal.vision.batch.detect import (
-    COLUMNS,
-    NUMBERS,
-    Detection,
-    detections_bytes,
-)
+from cpcal.vision.batch.detect import COLUMNS, NUMBERS, Detection, detections_bytes
 from cpcal.vision.batch.study_images import study_table
 
 NAMES = st.lists(st.text(st.characters(exclude_categories=("Cs", "Cc")), min_size=1), unique=True, max_size=6)

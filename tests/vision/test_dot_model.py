@@ -1,7 +1,5 @@
 """The predicted centre is the centre of the conic through the dot's contour."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Dots in rendered images: accuracy, honesty of the stated errors, and whatever else an image may look like."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Images without dots, of something else, and what is no image."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A real photograph of a plate with a grid of dark dots, a smudge and a shadowed corner."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Files that are no files, or are made to hurt: refused with a sentence, soon, and without much memory."""
 
-from __future__ import annotations
-
 import json
 import os
 import struct

@@ -1,7 +1,5 @@
 """Dots are identified rightly or not at all."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Images from files: every kind that is understood comes back as it was; what is none has a reason."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The compiled pieces of detection say what the formulas that they stand for say, compiled or not."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest
@@ -16,7 +14,7 @@ from cpcal.vision.target import DELTALAB_TARGET
 
 RATIONAL = Camera(1024, 768, [900.0] * 2, [510.0, 380.0], [0.4, 0.2, 2e-3, -1e-3, 0.02, 0.6, 0.25, 0.03], "rational")
 FISHEYE = Camera(1024, 768, [700.0] * 2, [510.0, 380.0], [-0.03, 0.01, -4e-3, 5e-4], "fisheye")
-DOTS, RADIUS = DELTALAB_TARGET.dots, DELTALAB_TARGET.radius
+DOTS, RADIUS = DELTALAB_TARGET.dots.copy(), DELTALAB_TARGET.radius  # writable, as images have them: compiled once
 
 
 @pytest.mark.parametrize("camera", [DELTALAB_CAMERA, RATIONAL, FISHEYE])

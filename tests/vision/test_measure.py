@@ -1,7 +1,5 @@
 """The whole chain for one image, and a reason for every image without a pose."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

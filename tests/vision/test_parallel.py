@@ -1,7 +1,5 @@
 """Work in parallel: every piece on one thread, whoever else begins or ends; the caller's limits come back."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Poses from dots: exact without noise, covariances that hold, outliers screened, ambiguity refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Images of the world around a target, by a renderer that shares nothing with cpcal's: poses are as good as stated."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -23,8 +21,7 @@ def some(quick, *others):
 
 
 @pytest.mark.parametrize(
-    ("numbers", "bend"),
-    [([9.0, 9.0, 0.0, 0.0], 0.0), ([0.0, 0.0, 3.0, 0.0], 0.0), ([0.0, 0.0, 0.0, 0.0], 0.2)],
+    ("numbers", "bend"), [([9.0, 9.0, 0.0, 0.0], 0.0), ([0.0, 0.0, 3.0, 0.0], 0.0), ([0.0, 0.0, 0.0, 0.0], 0.2)]
 )
 def test_a_wrong_camera_and_a_bent_plate_are_doubted(numbers, bend):
     """A focal length off by 1 % moves the pose by 7 mm, a centre off by 3 pixels by 2 mm, a bend by 0.1 mm."""

@@ -1,7 +1,5 @@
 """Forgeries of true certificates by hand, each with its name and the line that must be refused."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any
@@ -20,9 +18,7 @@ PROOFS = {"leg": "split_proof", "network": "network_split_proof", "gain": "gain_
 HEAD = 1 << 20  # the line of the claims
 
 
-def place(
-    name: str, line: str, *path: Any, value: Any, refused: str | None = None, kinds: tuple[str, ...] = BOTH
-) -> None:
+def place(name, line, *path, value, refused=None, kinds=BOTH):
     """The forgery that puts `value` (or what it makes of the old one) at a path of a line."""
 
     def change(lines: Lines, proof: Any) -> None:

@@ -1,7 +1,5 @@
 """A run that was tampered with is refused, leg by leg or as a whole; what is missing is no proof."""
 
-from __future__ import annotations
-
 import json
 import math
 import shutil

@@ -1,7 +1,5 @@
 """Forgeries by hand: each is refused, at the line where the lie is told, by both checkers."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from functools import reduce
@@ -19,9 +17,7 @@ CASES = [(name, kind) for name, (*_, kinds) in FORGERIES.items() for kind in kin
 
 
 @pytest.mark.parametrize(("name", "kind"), CASES)
-def test_forgeries_are_refused_at_their_line(
-    name: str, kind: str, request: pytest.FixtureRequest, verdict: Any, second: Any
-) -> None:
+def test_forgeries_are_refused_at_their_line(name, kind, request, verdict, second):
     proof = request.getfixturevalue(PROOFS[kind])
     lines = proof.copy()
     where, change, _ = FORGERIES[name]

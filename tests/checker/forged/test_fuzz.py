@@ -3,8 +3,6 @@
 CPCAL_MUTATIONS=10000 in the environment makes that many of them.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math

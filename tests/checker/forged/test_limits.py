@@ -1,7 +1,5 @@
 """One unit in the last place beyond what is proved, other campaigns, and the checker's own limits."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
@@ -147,9 +145,7 @@ CELLS: list[tuple[int, Any, str]] = [
 
 
 @pytest.mark.parametrize(("column", "cell", "reason"), CELLS)
-def test_a_row_that_is_none(
-    column: int, cell: Any, reason: str, verdict: Any, exact_proof: Any, moved_campaign: Path, second: Any
-) -> None:
+def test_a_row_that_is_none(column, cell, reason, verdict, exact_proof, moved_campaign, second):
     def change(rows: list[list[Any]]) -> None:
         for row in rows:
             row[column] = cell
@@ -203,9 +199,7 @@ CONTENTS = {
 
 
 @pytest.mark.parametrize("name", [*OTHERS, *CONTENTS])
-def test_files_that_are_no_campaign(
-    name: str, verdict: Any, exact_proof: Any, moved_campaign: Path, second: Any
-) -> None:
+def test_files_that_are_no_campaign(name, verdict, exact_proof, moved_campaign, second):
     data, lines = json.loads((moved_campaign / NAME).read_text()), exact_proof.copy()
     OTHERS.get(name, len)(data)
     content = CONTENTS.get(name, json.dumps(data).encode())

@@ -1,7 +1,5 @@
 """Where the campaign of a certificate is looked for, and how much work the checker takes on."""
 
-from __future__ import annotations
-
 import json
 from fractions import Fraction as F
 from hashlib import sha256
@@ -71,9 +69,7 @@ def test_too_much_work(tmp_path: Path, network_proof: Any) -> None:
     assert caught.value.line == len(lines) + 1
 
 
-def test_a_step_of_two_certificates_costs_once(
-    tmp_path: Path, uncertain_proof: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_step_of_two_certificates_costs_once(tmp_path, uncertain_proof, monkeypatch):
     """If it is the same to the last byte, from the same box, about the same leg; another one is checked."""
     path, campaign = tmp_path / "c.jsonl", uncertain_proof.folder / NAME
     budget, spent = Budget(1 << 40), []

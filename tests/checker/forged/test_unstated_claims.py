@@ -1,7 +1,5 @@
 """Certificates that are true, but claim something else than result.json states: the run is refused."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable
@@ -93,11 +91,7 @@ TRUE: dict[str, tuple[str, Callable[[Data, Path], object], str]] = {
         at_point(at=lambda x: [*x[:-1], (float.fromhex(x[-1]) + 1.0).hex()]),
         "eps of recommended",
     ),
-    "fewer measurements": (
-        PASSES,
-        at_point(holds=list(range(15))),
-        "of which its certificate claims nothing",
-    ),
+    "fewer measurements": (PASSES, at_point(holds=list(range(15))), "of which its certificate claims nothing"),
     "another factor": (REDUCED, at_point(factor=lambda f: (float.fromhex(f) / 2).hex()), "factor of reduced"),
     "another tolerance": (
         REDUCED,

@@ -1,7 +1,5 @@
 """Bytes that are no certificate end in a clear refusal, at their line and in little memory."""
 
-from __future__ import annotations
-
 import json
 import re
 import tracemalloc
@@ -130,9 +128,7 @@ def numbers(campaign: ExactCampaign) -> list[Any]:
 
 
 @pytest.mark.parametrize("space", [1, 17 << 20])
-def test_measurements_are_those_of_the_campaign_and_not_of_its_provenance(
-    space: int, exact_proof: Any, tmp_path: Path
-) -> None:
+def test_measurements_are_those_of_the_campaign_and_not_of_its_provenance(space, exact_proof, tmp_path):
     """In a file of more than 16 MiB the first line that said so once won."""
     content, path = (exact_proof.folder / NAME).read_bytes(), tmp_path / NAME
     _, rows = content.split(b'"measurements": [\n')

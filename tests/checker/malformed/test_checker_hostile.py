@@ -1,7 +1,5 @@
 """Files that are made to hurt: refused in a sentence within seconds of processor time and 500 MB."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Legs of one measurement in exact fractions, their equation by itself, and points and readings of them."""
 
-from __future__ import annotations
-
 import random
 from collections.abc import Sequence
 from fractions import Fraction as F

@@ -1,7 +1,5 @@
 """Intervals of whole multiples of 2^-160 hold every result of the numbers that they hold, and little more."""
 
-from __future__ import annotations
-
 import operator
 import random
 from fractions import Fraction as F

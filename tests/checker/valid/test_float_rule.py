@@ -1,7 +1,5 @@
 """The rule in float64 against the rule itself, for weights of every size."""
 
-from __future__ import annotations
-
 import random
 from fractions import Fraction as F
 from typing import Any

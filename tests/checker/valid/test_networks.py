@@ -1,7 +1,5 @@
 """Certificates of user-defined constraints: stated exactly, accepted, and true."""
 
-from __future__ import annotations
-
 import json
 import math
 import random
@@ -203,9 +201,7 @@ IMPOSSIBLE = {
 
 
 @pytest.mark.parametrize("what", IMPOSSIBLE)
-def test_what_cannot_be_certified_is_refused_before_any_search(
-    what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_be_certified_is_refused_before_any_search(what, tmp_path, monkeypatch):
     net = cpcal.Network()
     x, t = net.variable("x", (), (-1.0, 1.0)), net.variable("t", (), (-10.0, 10.0))
     net.add(IMPOSSIBLE[what](net, x) <= t)

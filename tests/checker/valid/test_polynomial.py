@@ -1,7 +1,5 @@
 """Polynomials of the checker up to degree 4, and stated constraints, against direct evaluation."""
 
-from __future__ import annotations
-
 import random
 from fractions import Fraction as F
 

@@ -1,7 +1,5 @@
 """What is written of a search: the steps that matter, in a tree whose boxes are named in order."""
 
-from __future__ import annotations
-
 import json
 import tracemalloc
 from dataclasses import replace
@@ -87,9 +85,7 @@ def test_steps_are_not_kept_in_memory() -> None:
 
 
 @pytest.mark.parametrize("dimensions", [1, 2])
-def test_the_minimum_of_a_polynomial_of_degree_four_is_proved_by_its_certificate(
-    tmp_path: Path, dimensions: int
-) -> None:
+def test_the_minimum_of_a_polynomial_of_degree_four_is_proved_by_its_certificate(tmp_path, dimensions):
     """Products of more than two unknowns, which no certificate has, are done without."""
     net = cpcal.Network()
     x, t = net.variable("x", dimensions, domain=(-2, 2)), net.variable("t", domain=(-50, 50))

@@ -1,7 +1,5 @@
 """The mathematics of the checker against an independent statement, in fractions at random points and readings."""
 
-from __future__ import annotations
-
 import math
 import os
 import random

@@ -1,7 +1,5 @@
 """True certificates are accepted, and nothing but the standard library is needed to accept them."""
 
-from __future__ import annotations
-
 import ast
 import random
 import shutil

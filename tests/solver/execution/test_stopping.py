@@ -15,14 +15,7 @@ from cpcal.checker import check
 from cpcal.files.folders import save_campaign_json
 from cpcal.questions.ask import answered
 from cpcal.questions.question import question_of
-from cpcal.solver.execution.stopping import (
-    Reason,
-    Stopped,
-    also_asked_by,
-    asked,
-    heard,
-    raising,
-)
+from cpcal.solver.execution.stopping import Reason, Stopped, also_asked_by, asked, heard, raising
 
 
 @pytest.fixture(autouse=True)

@@ -1,7 +1,5 @@
 """Boxes proved to hold nothing but solutions hold nothing else, for some readings."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """A box that is proved to hold exactly one solution holds it; nothing is proved that is not so."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

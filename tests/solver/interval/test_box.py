@@ -1,7 +1,5 @@
 """`Box`: named bounds that searches share."""
 
-from __future__ import annotations
-
 import copy
 import math
 import pickle

@@ -83,13 +83,7 @@ CORES: dict[str, tuple[Callable[..., Any], float, float, Callable[[arb], arb], C
         lambda r: r.exp(),
         lambda r: series(el.EXP, lambda n: Fraction(1, factorial(n)), 0, r),
     ),
-    "log": (
-        el.log_core,
-        0.22,
-        0.0,
-        lambda s: 2 * s.atanh(),
-        lambda s: 2 * s**3 * series(el.ATANH, rational, 1, s**2),
-    ),
+    "log": (el.log_core, 0.22, 0.0, lambda s: 2 * s.atanh(), lambda s: 2 * s**3 * series(el.ATANH, rational, 1, s**2)),
     "sin": (
         el.sin_core,
         0.79,

@@ -1,7 +1,5 @@
 """Interval kernels: 3,000 operand pairs each against arb, all small intervals exactly, and the same as plain Python."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import os

@@ -1,7 +1,5 @@
 """Numbers as users write them: enclosed where a float64 does not equal them, refused where they are none."""
 
-from __future__ import annotations
-
 import math
 from decimal import Decimal
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """Directed rounding and interval arrays."""
 
-from __future__ import annotations
-
 import ctypes
 import math
 import platform
@@ -88,9 +86,7 @@ def environment() -> Iterator[ctypes.Array[ctypes.c_uint32]]:
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="the bits are those of other processors")
 @pytest.mark.parametrize("bit", [0x8000, 0x40])  # small results are zero; small operands are
-def test_where_a_library_has_switched_small_numbers_off_no_bound_is_computed(
-    bit: int, environment: ctypes.Array[ctypes.c_uint32]
-) -> None:
+def test_where_a_library_has_switched_small_numbers_off_no_bound_is_computed(bit, environment):
     """Compiled with -ffast-math, it does so when it is loaded: x = 1 was lost, and "no solution" called proved."""
     net = cpcal.Network()
     x = net.variable("x", domain=(0.5, 2.0))

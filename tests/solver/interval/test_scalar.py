@@ -1,7 +1,5 @@
 """`Interval`: one interval as users handle it."""
 
-from __future__ import annotations
-
 import copy
 import math
 import operator

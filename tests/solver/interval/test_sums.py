@@ -1,7 +1,5 @@
 """Sums, matrix products and factors, against exact rational arithmetic."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 

@@ -1,7 +1,5 @@
 """Building expressions and networks: shapes as numpy has them, identity, digests, and what is refused."""
 
-from __future__ import annotations
-
 import contextlib
 import pickle
 

@@ -3,8 +3,6 @@
 The points are rational numbers, also such between two floats. Exact fractions judge; arb, where a value is irrational.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Callable

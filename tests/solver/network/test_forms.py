@@ -1,7 +1,5 @@
 """Evaluation of an expression over a box: every form contains every value, and derivatives equal differences."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -12,17 +10,7 @@ from hypothesis import strategies as st
 
 from cpcal.common.values import Floats
 from cpcal.solver.interval import Box, IntervalArray
-from cpcal.solver.network import (
-    CentredForm,
-    ConstraintNetwork,
-    Expr,
-    evaluate,
-    maximum,
-    minimum,
-    norm,
-    sqr,
-    sqrt,
-)
+from cpcal.solver.network import CentredForm, ConstraintNetwork, Expr, evaluate, maximum, minimum, norm, sqr, sqrt
 from cpcal.solver.network.rows import Extremes
 from cpcal.solver.network.sweeps import total_slopes
 

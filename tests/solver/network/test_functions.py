@@ -1,7 +1,5 @@
 """Functions in networks: proofs that do not rest on clipped domains, numpy's names, and mathematics in print."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What an expression means is fixed when it is built: no caller, copy, process or other network changes it."""
 
-from __future__ import annotations
-
 import copy
 import multiprocessing
 import pickle

@@ -1,7 +1,5 @@
 """What is no model is refused where it is written, in one sentence that names it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from decimal import Decimal
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """Every row of the operation table: values contain, narrowing loses nothing, derivatives are right."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -125,9 +123,7 @@ def test_forward_contains_values_and_backward_loses_none(name: str, seed: int) -
         assert (point <= narrowed.hi[0]).all()
 
 
-def _backward(
-    net: ConstraintNetwork, root: Expr, box: IntervalArray, value: Floats, rng: np.random.Generator
-) -> IntervalArray:
+def _backward(net, root, box, value, rng):
     """What is left of a box where the root lies in a small interval around `value`."""
     room = 1e-12 + np.abs(value) * rng.choice([1e-15, 1e-3])
     low, high = np.asarray(value - room, np.float64), np.asarray(value + room, np.float64)
@@ -179,10 +175,7 @@ def test_readings_are_narrowed_box_by_box_in_a_batch() -> None:
     s = net.reading(np.zeros((4, 3)), 0.5)
     root = (s[:, [1, 2, 0]] * x).sum(-1) - 1
     tape = Tape(net, [root, -root])
-    lo, hi = (
-        np.array([[1.0, 1, 1], [-3, -3, -3], [0, 0, 0.1]]),
-        np.array([[3.0, 3, 3], [3, 3, 3], [0.1, 0.1, 0.1]]),
-    )
+    lo, hi = (np.array([[1.0, 1, 1], [-3, -3, -3], [0, 0, 0.1]]), np.array([[3.0, 3, 3], [3, 3, 3], [0.1, 0.1, 0.1]]))
     narrowed = tape.contract(IntervalArray(lo, hi))
     assert np.isnan(narrowed.lo[:, 0]).tolist() == [False, False, True]
 

@@ -1,7 +1,5 @@
 """The polynomial form never excludes a solution: evaluated in exact fractions at random points and readings."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from fractions import Fraction
 from math import prod
@@ -135,10 +133,7 @@ KINKS: dict[str, tuple[Callable[[Expr, Expr], Expr], Callable[[Floats, Floats], 
     "minus abs": (lambda x, y: y - abs(x - 1) / 2, lambda x, y: y - np.abs(x - 1) / 2),
     "max": (lambda x, y: maximum(x, 2 * y) + x, lambda x, y: np.maximum(x, 2 * y) + x),
     "minus min": (lambda x, y: y - minimum(x, -y), lambda x, y: y - np.minimum(x, -y)),
-    "nested": (
-        lambda x, y: abs(x) + maximum(y, abs(x - y)),
-        lambda x, y: np.abs(x) + np.maximum(y, np.abs(x - y)),
-    ),
+    "nested": (lambda x, y: abs(x) + maximum(y, abs(x - y)), lambda x, y: np.abs(x) + np.maximum(y, np.abs(x - y))),
     "two abs": (lambda x, y: abs(x) + abs(y) - 1, lambda x, y: np.abs(x) + np.abs(y) - 1),
 }
 

@@ -1,7 +1,5 @@
 """A network with some of its measurements is the same network for those, and loses no solution."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

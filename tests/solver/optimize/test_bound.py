@@ -1,7 +1,5 @@
 """Known minima: bracketed from both sides at every moment, whatever stops the search."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -204,9 +202,7 @@ def test_readings_bracket_includes_their_first_order_effect() -> None:
         (1.0 - 1e-3, 1e-2, 3, Verdict.UNKNOWN, "Stopped at a limit with 3 undecided boxes"),
     ],
 )
-def test_only_the_gap_that_was_asked_for_closes_a_bracket(
-    lo: float, floor: float, undecided: int, verdict: Verdict, words: str
-) -> None:
+def test_only_the_gap_that_was_asked_for_closes_a_bracket(lo, floor, undecided, verdict, words):
     net = Network()
     net.variable("e", (), (0, 10))
     prepared = Prepared(net, "e")

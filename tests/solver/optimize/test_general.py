@@ -1,7 +1,5 @@
 """Minimisation of general problems: equations, active inequalities, divisions, curved valleys; known optima."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -37,10 +35,7 @@ def ratio() -> Problem:
     return net, x / y + y / x
 
 
-@pytest.mark.parametrize(
-    ("problem", "value"),
-    [(himmel11, -30665.53867), (rosenbrock, 0.0), (ratio, 13 / 6)],
-)
+@pytest.mark.parametrize(("problem", "value"), [(himmel11, -30665.53867), (rosenbrock, 0.0), (ratio, 13 / 6)])
 def test_a_known_optimum_is_bracketed_and_the_gap_closes(problem: Callable[[], Problem], value: float) -> None:
     net, objective = problem()
     best = net.minimize(objective, limits=Limits(nodes=300))

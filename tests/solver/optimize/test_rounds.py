@@ -30,11 +30,7 @@ def minimised(problem, path, **place):
     net, t = problem
     seen, limits = [], cpcal.Limits(nodes=24)
     found = net.minimize(
-        t,
-        limits=limits,
-        certificate=path,
-        progress=lambda b: seen.append((b.lo, b.hi, b.nodes)),
-        **place,
+        t, limits=limits, certificate=path, progress=lambda b: seen.append((b.lo, b.hi, b.nodes)), **place
     )
     return (found.lo, found.hi, found.nodes, found.programs, found.pending), seen, path.read_bytes()
 

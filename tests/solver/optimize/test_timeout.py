@@ -1,7 +1,5 @@
 """The paper's timeout method: its rules on solvers made for the purpose, and agreement with branch and bound."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any
@@ -133,9 +131,7 @@ class KnowsMore(Composable):
         return Contraction(box)
 
 
-def test_an_infeasible_answer_that_weights_do_not_prove_raises_no_certified_bound(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_infeasible_answer_that_weights_do_not_prove_raises_no_certified_bound(tmp_path, monkeypatch):
     sim: dict[str, Any] = {"seed": 4, "joint_error": 3.0, "factor": 0.0, "random_poses": 14, "extremal": False}
     cpcal.save_campaign(cpcal.simulate(**sim), tmp_path / "campaign")
     campaign = cpcal.load_campaign(tmp_path / "campaign")

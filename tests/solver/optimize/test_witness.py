@@ -1,7 +1,5 @@
 """The prover of points refuses what is wrong, and proves with readings no more than the readings allow."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

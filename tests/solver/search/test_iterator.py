@@ -1,7 +1,5 @@
 """The search: one event per node, nothing forgotten, stoppable anywhere."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import Any
@@ -16,15 +14,7 @@ from cpcal import Interval, Limits, Network
 from cpcal.solver.contract import Contraction, Then
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.search import (
-    ORDERS,
-    Divide,
-    EventKind,
-    LargestFirst,
-    Search,
-    Smear,
-    bisect,
-)
+from cpcal.solver.search import ORDERS, Divide, EventKind, LargestFirst, Search, Smear, bisect
 
 
 def ring() -> ConstraintNetwork:

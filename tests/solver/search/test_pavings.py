@@ -1,7 +1,5 @@
 """What `Network.solve` says of its boxes: single solutions proved, inside, outside, clusters, volumes, the picture."""
 
-from __future__ import annotations
-
 import itertools
 from typing import Any
 
