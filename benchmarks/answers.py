@@ -14,8 +14,6 @@ the share of numbers that are not equal to 1e-9, how far apart the bounds are, b
 supports.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

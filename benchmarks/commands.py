@@ -1,7 +1,5 @@
 """`python -m benchmarks`: list, run, page, compare. Suites are named lists of what to run; pages are Markdown."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace

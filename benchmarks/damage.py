@@ -1,7 +1,5 @@
 """Files damaged at random: as by a slip of the hand, a broken disk, a careless script or somebody hostile."""
 
-from __future__ import annotations
-
 import random
 import re
 from collections.abc import Callable

@@ -18,8 +18,6 @@ Exit status 1 when one of the last three happened. The log has a line for each a
 outcome and why it is harmless.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

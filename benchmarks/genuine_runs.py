@@ -3,8 +3,6 @@
 Each writes its folders into an empty one; the folder to verify is `run`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

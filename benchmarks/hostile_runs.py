@@ -6,8 +6,6 @@ prints the seconds of processor time and the MB of each: do little else meanwhil
 500 MB what it thinks of any of them; tests/checker/malformed sees to that with a tenth of the work.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -5,8 +5,6 @@ Random operand pairs of all magnitudes, signs and special bounds; for each kerne
 that arb can form are not compared, and counted apart. Exits with status 1 and names the operands where bounds miss one.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys

@@ -16,8 +16,6 @@ one command for all. Neither keeps a list, says which tests must notice a change
 is made from the text of several files.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -11,8 +11,6 @@ trials of each row are certified too, and checked.
 Widths are half-widths of the sets, medians over the trials, um and urad; seconds are those of one processor.
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 import time

@@ -7,8 +7,6 @@ seconds of wall and of processor time. `--limit` is processor time: other work o
 renews the rows of these problems in benchmarks/pages/problems.md and .json.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

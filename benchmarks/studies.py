@@ -38,8 +38,6 @@ hexapod; the paper's noise), and of DeltaLab campaigns with each of the mistakes
 ... mm). A mistake counts as named when the first sentence has its name.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import tempfile
@@ -61,12 +59,7 @@ from cpcal.common.values import Floats
 from cpcal.models import fit_model, leg_box, leg_network
 from cpcal.models.leg_set import AskedSet, CertifiedSet, certified_set
 from cpcal.models.platform import pose_bounds
-from cpcal.questions.accuracy import (
-    FAR,
-    distance_from_measured,
-    expanded_uncertainty,
-    suggested_error,
-)
+from cpcal.questions.accuracy import FAR, distance_from_measured, expanded_uncertainty, suggested_error
 from cpcal.questions.next_measurement import Polytope, attained
 from cpcal.questions.points import verified_rows
 from cpcal.robot import (
@@ -328,10 +321,7 @@ def _recommended(seed: int) -> tuple[float, ...]:
     network = leg_network(campaign, 1, box, eps=(0.0, np.inf))
     rows, best = Rows(network, every=True), np.array(free.passes_from.point)
     for _ in range(8):  # the largest unseen error is the last unknown; it and the rows are convex, nearly
-        (value, slope), inside = (
-            (part[64:] for part in errors(best)),
-            rows.linearize(np.append(best, tolerances[0])),
-        )
+        (value, slope), inside = ((part[64:] for part in errors(best)), rows.linearize(np.append(best, tolerances[0])))
         beside = -np.ones((len(value), 1))
         matrix = np.block(
             [[slope, beside], [-slope, beside], [inside.jacobian[:, :-1], np.zeros((len(inside.values), 1))]]

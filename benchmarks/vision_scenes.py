@@ -10,8 +10,6 @@ Measures with them, and prints:
    the centre of the dot's exact image, Cramer's and Rao's bound for a known blurred edge, errors over stated ones.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections import Counter
 from dataclasses import dataclass
@@ -22,13 +20,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from cpcal.common.values import Floats, Ints
-from cpcal.robot import (
-    Pose,
-    quaternion_conjugate,
-    quaternion_from_rotation_vector,
-    quaternion_product,
-    rotation_vector,
-)
+from cpcal.robot import Pose, quaternion_conjugate, quaternion_from_rotation_vector, quaternion_product, rotation_vector
 from cpcal.vision.calibrate import Calibration, TargetView
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dots import observe_dots

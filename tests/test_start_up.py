@@ -104,8 +104,3 @@ def test_every_public_name_is_listed_and_there():
     assert all(getattr(cpcal, name) is not None for name in cpcal.__all__)
     with pytest.raises(AttributeError, match="certfy"):
         getattr(cpcal, "certfy")  # noqa: B009, the name as a checker of types would refuse it
-
-
-def test_python_m_cpcal_is_the_command():
-    done = subprocess.run([sys.executable, "-m", "cpcal", "--version"], capture_output=True, text=True, check=True)
-    assert done.stdout == f"cpcal {cpcal.__version__}\n"

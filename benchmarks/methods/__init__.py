@@ -1,7 +1,5 @@
 """Everything that can be asked: cpcal by its contractors' names, and peers, each behind a small adapter."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """cpcal with a list of contractors, named as in `cpcal plugins`."""
 
-from __future__ import annotations
-
 import tempfile
 import time
 from pathlib import Path

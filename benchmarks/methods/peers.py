@@ -9,8 +9,6 @@ column for each product a_i b_j and b_i b_j, every measurement is linear,
 The coefficients are rounded to doubles, so that no answer is certified for the exact data.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
