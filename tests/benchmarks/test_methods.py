@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from benchmarks.methods import PEERS, TaskQuestion, method
+from benchmarks.methods import TaskQuestion, method
 from benchmarks.methods.peers import AB, BB, COLUMNS, OFFSET, A, B, Q, rows
 from benchmarks.problems import Leg, problem
-from benchmarks.runs import MINIMISE, MethodAnswer, Task, Unsupported
+from benchmarks.runs import MINIMISE, MethodAnswer, Task
 from cpcal.models import model_residuals
 
 BEST = 0.5042169  # mm, eps* of the leg, rounded down
@@ -57,12 +57,6 @@ def test_a_certificate_is_written_and_checked() -> None:
     assert 1.0 < found.figures["size"] < 100.0
 
 
-def test_least_squares_gives_a_point_only() -> None:
-    found = ask("least-squares", MINIMISE)
-    assert not found.answered
-    assert found.figures["hi"] > BEST
-
-
 @pytest.mark.peers
 @pytest.mark.parametrize("name", ["gurobi", "scip"])
 def test_solvers_agree_where_they_are_installed(name: str) -> None:
@@ -73,13 +67,3 @@ def test_solvers_agree_where_they_are_installed(name: str) -> None:
     assert found.figures["lo"] == pytest.approx(BEST, rel=1e-5)
     assert ask(name, "refute-0.9", 0.9 * BEST).answered
     assert not ask(name, "refute-0.9", 1.1 * BEST, 5.0).answered
-
-
-@pytest.mark.peers
-@pytest.mark.parametrize("name", PEERS)
-def test_every_peer_refuses_uncertain_readings(name: str) -> None:
-    if method(name).missing():
-        pytest.skip(f"{name} is not installed")
-    uncertain = TaskQuestion(problem("leg1-e1-n64-d100-u"), Task.named(MINIMISE), None, 1.0)
-    with pytest.raises(Unsupported, match="exact readings"):
-        method(name).prepare(uncertain)

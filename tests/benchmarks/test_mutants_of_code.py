@@ -14,7 +14,6 @@ from benchmarks.mutants_of_code import (
     misplaced,
     outcome,
     read,
-    table,
     unchanged_failures,
 )
 
@@ -82,13 +81,6 @@ def test_the_list_can_be_read_and_says_nothing_twice(tmp_path: Path) -> None:
     (tmp_path / "list.toml").write_text(2 * entry)
     with pytest.raises(MutantError, match="two mutants say the same: a"):
         read(tmp_path / "list.toml")
-
-
-def test_the_table_counts_by_area_and_gives_reasons() -> None:
-    harmless = replace(SMALLER, false="a bound is wider", reason="wider is safe")
-    lines = table([Outcome(SMALLER, "a test"), Outcome(harmless, "")]).splitlines()
-    assert lines[2] == "| ends | 2 | 1 | a bound is wider (wider is safe) |"
-    assert lines[3] == "| all | 2 | 1 (50.0%) | |"
 
 
 @pytest.mark.parametrize(("noticed", "status"), [(19, 0), (18, 1)])

@@ -24,7 +24,6 @@ from benchmarks.runs import (
     Task,
     execute,
     load,
-    machine,
     perform,
     save,
     work,
@@ -157,12 +156,6 @@ def test_a_comparison_flags_nodes_statuses_and_what_is_missing_and_not_programs(
     text, passed = compared(results(RUNS[0]), results(replace(RUNS[0], figures={**RUNS[0].figures, "programs": 61.0})))
     assert passed
     assert "programs 60 became 61" in text
-
-
-def test_the_machine_is_described_without_names_of_hosts_and_folders() -> None:
-    facts = machine()
-    assert {"processor", "python", "cpcal", "numpy"} <= facts.keys()
-    assert not any("/" in value for value in facts.values())
 
 
 def test_every_suite_speaks_of_problems_and_tasks_that_there_are() -> None:

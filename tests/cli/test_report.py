@@ -26,12 +26,6 @@ def test_the_same_page_as_certify_wrote(copy):
     assert sorted(page.parent.iterdir()) == files
 
 
-def test_the_campaign_is_found_from_within_the_run(copy, monkeypatch):
-    monkeypatch.chdir(copy / "run")
-    done("report", ".", "-o", "other/page.html")
-    assert (copy / "run" / "other" / "page.html").is_file()
-
-
 def test_the_page_is_written_where_one_says_from_the_run_alone(copy, tmp_path):
     page, new = copy / "run" / "report.html", tmp_path / "new" / "page.html"
     before = page.read_bytes()

@@ -70,11 +70,6 @@ def test_simulate_refuses_senseless_options(tmp_path, arguments, texts):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_plugins_lists_the_contractors():
-    said = done("plugins")
-    assert all(name in said for name in ("lifted", "hc4", "cpcal.contractors"))
-
-
 TRUE = simulate(seed=2, random_poses=20)
 
 
@@ -166,13 +161,6 @@ def test_a_run_that_cannot_be_written_is_refused_at_once_or_its_answer_is_printe
     assert outcome.exit_code == 2
     assert "Leg 1: does not fit" in outcome.stdout
     assert "No space left" in outcome.stderr
-
-
-def test_a_tolerance_is_passed(campaign, tmp_path):
-    said = done("certify", campaign, "-o", tmp_path, "--legs", "1", "--tolerance", "50")
-    assert "Leg 1: pass. Fails below " in said
-    assert ">pass<" in (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert cpcal.load_result(tmp_path).options.tolerance == 50.0
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -14,7 +14,6 @@ from contractors.krawczyk import IntervalRows, beaumont, inequalities, krawczyk
 from cpcal.models import leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate, true_robot
-from cpcal.solver.contract import Repeat
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, evaluate, maximum, minimum, sqr, sqrt
 
@@ -22,28 +21,6 @@ Floats = npt.NDArray[np.float64]
 SEEDS = st.integers(0, 2**32 - 1)
 KINDS = {"krawczyk": Krawczyk, "beaumont": Beaumont}
 LINEAR = {**KINDS, "lifted": Lifted}  # all that solve linear programs
-
-
-def brown(lo: float, hi: float, n: int = 5) -> ConstraintNetwork:
-    """Brown's almost linear system: x_i + sum x = n + 1, the last equation prod x = 1; a root is (1, ..., 1)."""
-    net = ConstraintNetwork()
-    x = net.variable("x", n, (lo, hi))
-    product = x[0]
-    for k in range(1, n):
-        product = product * x[k]
-    net.add([(x + x.sum(0))[:-1] == n + 1.0, product == 1.0])
-    return net
-
-
-@pytest.mark.parametrize(
-    ("kind", "lo", "hi"), [("krawczyk", 0.95, 1.07), ("beaumont", 0.95, 1.07), ("beaumont", 0.8, 1.3)]
-)
-def test_solves_browns_almost_linear_system_where_hc4_contracts_nothing(kind: str, lo: float, hi: float) -> None:
-    net = brown(lo, hi)
-    assert Repeat(HC4(net)).contract(net.domain).box == net.domain
-    found = KINDS[kind](net).contract(net.domain)
-    assert np.ones(5) in found.box
-    assert found.box.width.max() < 1e-9
 
 
 # interval linear systems ------------------------------------------------------------------------------------
@@ -193,14 +170,3 @@ def test_point_is_the_optimum_of_the_objective_and_lies_in_the_box(kind: str) ->
     assert found.point[0] == pytest.approx(-1.0)
     assert found.point in found.box
     assert found.box["x"].lo == pytest.approx(-1.0)
-
-
-@pytest.mark.parametrize("bounds", [(-np.inf, np.inf), (-1e200, 1e200), (0.0, 0.0), (-1.0, 4.0)])
-@pytest.mark.parametrize("kind", LINEAR)
-def test_boxes_it_cannot_use_come_back_unharmed(kind: str, bounds: tuple[float, float]) -> None:
-    net = ConstraintNetwork()
-    x, y = net.variable("x", (), bounds), net.variable("y", (), (-3, 3))
-    net.add([(x * x + y * y * y).within((0, 1)), (x * x * sqrt(x + 1)).within((0, 90))])
-    found = LINEAR[kind](net).contract(net.domain)
-    assert found.box.subset(net.domain)
-    assert (0.0, 1.0) in found.box

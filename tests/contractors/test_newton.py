@@ -2,13 +2,10 @@
 
 import time
 
-import numpy as np
-import pytest
-
 from contractors import HC4, Newton
 from cpcal.solver.contract import Repeat
 from cpcal.solver.interval import Box
-from cpcal.solver.network import ConstraintNetwork, norm, sqr
+from cpcal.solver.network import ConstraintNetwork, sqr
 
 
 def circle_and_parabola() -> ConstraintNetwork:
@@ -42,27 +39,3 @@ def test_a_box_without_a_zero_is_refuted() -> None:
     result = Newton(net).contract(far)
     assert result.box.is_empty
     assert result.steps[0].variable is None
-
-
-def test_more_equations_than_unknowns_and_fewer() -> None:
-    rng = np.random.default_rng(5)
-    beacons, truth = rng.uniform(-5, 5, (7, 2)), np.array([0.5, -0.25])
-    net = ConstraintNetwork()
-    p = net.variable("p", 2, (-1, 1))
-    net.add((sqr(beacons - p)).sum(1) == net.constant(sqr(net.constant(beacons - truth)).sum(1)))
-    box = Newton(net).contract(net.domain).box
-    assert box.width.max() < 1e-12
-    assert box.mid == pytest.approx(truth)
-    curve = ConstraintNetwork()
-    x, y = curve.variable("x", (), (0.9, 1.1)), curve.variable("y", (), (-5, 5))
-    curve.add(y - sqr(x) == 0.01 * y)
-    assert Newton(curve).contract(curve.domain).box["y"].width < 0.5
-
-
-def test_without_equations_or_derivatives_nothing_happens() -> None:
-    net = ConstraintNetwork()
-    x = net.variable("x", 2, (-1, 1))
-    net.add(norm(x) <= 0.5)
-    assert Newton(net).contract(net.domain).box == net.domain
-    net.add(norm(x) == x[0])  # no derivative at zero
-    assert Newton(net).contract(net.domain).box == net.domain

@@ -46,16 +46,6 @@ def test_the_q_intersection_is_exact(seed: int) -> None:
             assert (exact.hi == found.hi).all()
 
 
-def test_many_boxes_with_few_outliers_take_no_time() -> None:
-    rng = np.random.default_rng(3)
-    center = np.concatenate([rng.uniform(-1, 1, (190, 5)), rng.uniform(50, 100, (10, 5))])
-    boxes = IntervalArray(center - 2.0, center + 2.0)
-    hull = q_intersection(boxes, 10)
-    assert hull is not None
-    assert (hull.lo == np.max(boxes.lo[:190], axis=0)).all()
-    assert q_intersection(boxes, 9) is None
-
-
 BEACONS = np.array([[0.0, 0], [10, 0], [10, 10], [0, 10], [5, -3], [-3, 5], [13, 5], [5, 13]])
 TRUTH = np.array([3.0, 4.0])
 

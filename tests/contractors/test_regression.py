@@ -7,7 +7,6 @@ from contractors import Regression
 from cpcal.models import leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate, true_robot
-from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 
 
@@ -27,18 +26,6 @@ def test_it_takes_a_leg_from_100_mm_to_what_the_tolerances_say_and_keeps_the_tru
     assert (left.box.width[:7] < 0.65 * 200.0).all()
     assert np.append(x, 0.01) in left.box
     assert left.programs == 0
-
-
-def test_one_pseudo_inverse_serves_all_boxes_and_every_step_has_weights() -> None:
-    exact = simulate(seed=5, joint_error=0.0, noise=0.0, factor=0.0)
-    net, x = network(exact, 100.0)
-    contractor = Regression(net)
-    first = contractor.contract(net.domain)
-    known = contractor._known
-    again = contractor.contract(Box(net.names, np.append(x - 50.0, 0.0), np.append(x + 50.0, 0.01)))
-    assert contractor._known is known
-    assert all(step.weights is not None and step.weights.rows for step in (*first.steps, *again.steps))
-    assert len(again.steps) == 14
 
 
 def test_a_variable_that_the_equations_do_not_tell_apart_from_another_is_left_alone() -> None:

@@ -33,18 +33,6 @@ def test_slices_where_hc4_is_stuck() -> None:
     assert {(step.variable, step.side) for step in result.steps} == {(n, s) for n in "xy" for s in ("lo", "hi")}
 
 
-def test_cid_keeps_what_all_slices_agree_on() -> None:
-    """x^2 = 1 leaves x = -1 or 1, and x * x = z in both: hc4 knows only that z is between -1 and 1."""
-    net = ConstraintNetwork()
-    x, z = net.variable("x", (), (-1, 1)), net.variable("z", (), (-1, 1))
-    net.add([sqr(x) == 1, z == x * x])
-    assert stuck(net)
-    box = Cid(HC4(net)).contract(net.domain).box
-    assert box["z"].lo == pytest.approx(1.0, abs=1e-9)
-    assert (1.0, 1.0) in box
-    assert (-1.0, 1.0) in box
-
-
 @pytest.mark.parametrize("make", [cid, Newton])
 def test_unbounded_and_single_boxes_are_no_obstacle(make: type[Newton]) -> None:
     net = ConstraintNetwork()
@@ -74,11 +62,6 @@ def test_cuts_cover_and_batches_agree_with_single_boxes(monkeypatch: pytest.Monk
     at_once, singly = (Cid(inner).slices(net.domain, 0, ends) for inner in (HC4(net), Single()))
     np.testing.assert_array_equal(at_once.lo, singly.lo)
     np.testing.assert_array_equal(at_once.hi, singly.hi)
-
-
-def test_a_disjunction_of_one_slice_is_refused() -> None:
-    with pytest.raises(ValueError, match="slices"):
-        Cid(HC4(crossing()), slices=1)
 
 
 def test_cid_goes_on_where_it_pays(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -72,16 +72,6 @@ def test_they_hold_every_sampled_solution_of_a_leg(seed: int) -> None:
         assert point not in net.domain or holds(directions, bounds, point)
 
 
-def test_of_an_empty_set_they_are_empty() -> None:
-    net = ConstraintNetwork()
-    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
-    net.add([x * x + y * y <= 1, x + y >= 1.6])
-    lifted = Lifted(net)
-    assert (lifted.support_function(net.domain, np.eye(2)) == -np.inf).all()
-    assert (lifted.support_function(Box.empty(net.names), np.eye(2)) == -np.inf).all()
-    assert lifted.support_function(net.domain, np.zeros((0, 2))).shape == (0,)
-
-
 def test_where_no_program_helps_the_box_does(monkeypatch: pytest.MonkeyPatch) -> None:
     net = ConstraintNetwork()
     x, y = net.variable("x", (), (-np.inf, 2)), net.variable("y", (), (-1, 3))

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from cpcal.common.errors import InputError
 from cpcal.models.hand_eye import load_hand_poses, simulate_hand_eye
 from cpcal.models.hand_eye_fit import classical_answer
-from cpcal.models.hand_eye_sources import other_direction, photo_names, read_pose_pairs, study_of_pairs, study_of_photos
+from cpcal.models.hand_eye_sources import other_direction, read_pose_pairs, study_of_pairs, study_of_photos
 from cpcal.robot import Pose, inverse, quaternion_from_matrix
 from cpcal.vision.camera import Camera
 from cpcal.vision.target import target_from
@@ -261,17 +261,6 @@ def test_a_table_in_a_controllers_form_holds_these_poses(tmp_path, form, header,
 MATRICES = [np.block([[fixed(t), np.array([p]).T], [np.zeros((1, 3)), 1]]) for t, p in zip(ANGLES, PLACES, strict=True)]
 
 
-@pytest.mark.parametrize("width", [4, 16])
-@pytest.mark.parametrize("back", [False, True])
-def test_matrices_one_after_the_other_are_poses_in_the_order_of_the_photographs(tmp_path, width, back):
-    numbers = np.array([np.linalg.inv(m) if back else m for m in MATRICES])
-    np.savetxt(tmp_path / "robot.txt", numbers.reshape(-1, width))
-    found = load_hand_poses(tmp_path / "robot.txt", base_in_hand=back, names=["a", "b", "c"])
-    rows = np.array([found[name] for name in "abc"])
-    np.testing.assert_allclose(rows[:, :3], PLACES, atol=1e-9)
-    np.testing.assert_allclose(Pose(rows[:, :3], rows[:, 3:]).rotation, [m[:3, :3] for m in MATRICES], atol=1e-12)
-
-
 def test_tables_of_poses_that_leave_a_doubt_are_refused(tmp_path):
     def refused(text, why, **more):
         (tmp_path / "poses.csv").write_text(text)
@@ -290,12 +279,6 @@ def test_tables_of_poses_that_leave_a_doubt_are_refused(tmp_path):
     turned_over = "\n".join(" ".join(map(str, row)) for m in MATRICES for row in m.T)
     refused(turned_over, "is no matrix whose last row is 0 0 0 1")
     refused("1,2,3,4,5\n2,3,4,5,6\n", "has no names of columns, and 5 of them")
-
-
-def test_photographs_go_by_their_numbers(tmp_path):
-    for name in ("image10.png", "image2.png", "image1.png"):
-        (tmp_path / name).write_bytes(b"")
-    assert photo_names(tmp_path) == ["image1.png", "image2.png", "image10.png"]
 
 
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])

@@ -13,7 +13,6 @@ from cpcal.files import campaign_sha256
 from cpcal.models import (
     PLAIN,
     ModelResiduals,
-    built_in,
     fit_model,
     leg,
     leg_box,
@@ -120,18 +119,6 @@ def test_the_fit_finds_the_gain_of_readings_without_noise():
     np.testing.assert_allclose(x, np.append(truth, -0.02), atol=1e-6)
 
 
-@pytest.mark.parametrize("name", NAMES[1:])
-def test_extra_parameters_fixed_to_zero_reproduce_the_plain_model(exact, name):
-    model = leg_model(name)
-    none = dict.fromkeys((p.name for p in model.extra), 0.0)
-    x = fit_model(exact, 1, model.within(none))
-    plain = fit_model(exact, 1)
-    assert np.array_equal(x, np.append(plain, np.zeros(len(none))))
-    np.testing.assert_allclose(
-        model_residuals(exact, 1, x, model), model_residuals(exact, 1, plain), rtol=0, atol=1e-12 * 500
-    )
-
-
 def value(given, at):
     """A stated polynomial at a point, in fractions."""
     return sum((c * math.prod((at[i] for i in monomial), start=F(1)) for monomial, c in given), F(0))
@@ -220,12 +207,6 @@ def test_a_model_of_ones_own_is_certified_and_checked(exact, cubic, tmp_path):
     assert float(accepted.claims.eps_hi) == leg.bracket.hi
     assert accepted.unknowns[-2:] == ("bend", "eps")
     assert leg.bracket.hi < cpcal.certify(campaign, legs=[1]).legs[0].bracket.lo
-
-
-def test_a_term_of_the_wrong_kind_is_refused_when_it_is_used(exact, cubic):
-    for wrong in (lambda m, x: m.position * x["bend"], lambda m, x: 1.0):
-        with pytest.raises(cpcal.ModelError, match=r"'bent' must give an expression of shape \(64,\)"):
-            cpcal.certify(exact, legs=[1], model=replace(cubic, term=wrong))
 
 
 def test_what_cannot_be_a_model_is_refused_with_everything_that_is_wrong():
@@ -375,10 +356,3 @@ def test_a_broken_or_misnamed_entry_point_is_refused_with_what_it_names(other_pa
         leg_model("broken")
     with pytest.raises(cpcal.PluginError, match=r"'other' \(others:misnamed\) is no cpcal.LegModel of that name"):
         leg_model("other")
-
-
-def test_an_unknown_name_lists_those_there_are(other_package):
-    with pytest.raises(cpcal.InputError, match="plain, gain, lateral, broken, other, sag, stretched,"):
-        leg_model("streched")
-    assert leg_model("stretched").parameters[7:] == ("k",)
-    assert built_in(leg_model("plain"))  # and no package takes its place

@@ -7,7 +7,7 @@ import pytest
 
 from cpcal.common.errors import InputError
 from cpcal.models.leg_set import SIZE, AskedSet, certified_set
-from cpcal.models.platform import Cells, Equations, Workspace, cell_bounds, cover, pose_bounds, proved_sizes, sizes
+from cpcal.models.platform import Cells, Equations, Workspace, cell_bounds, cover, pose_bounds, proved_sizes
 from cpcal.robot import (
     Pose,
     Robot,
@@ -185,17 +185,6 @@ def test_the_image_holds_what_the_equations_leave_at_every_pose_in_the_box(known
         square = (1.0 + (move[:, 3:] ** 2).sum(axis=-1))[:, None]  # of what F(0) s.s holds the middle is 0 here
         left = y - square * (reached**2 - length**2) / (2.0 * equations.scale)
         assert (np.abs(left) <= image(np.abs(y)) + 1e-9).all()
-
-
-def test_a_bound_is_that_of_the_farthest_corner():
-    rng = np.random.default_rng(10)
-    inverse = rng.normal(size=(4, 6, 6)) * np.array([1.0] * 3 + [1e-3] * 3)[:, None]  # mm, rad
-    y = IntervalArray(*np.sort(rng.normal(size=(2, 4, 6)), axis=0))
-    position, angle = sizes(inverse, y)
-    for corner in rng.integers(0, 2, (500, 4, 6)):
-        moved = (inverse @ np.where(corner, y.hi, y.lo)[..., None])[..., 0]
-        assert (np.linalg.norm(moved[:, :3], axis=1) <= position).all()
-        assert (2.0 * np.arctan(np.linalg.norm(moved[:, 3:], axis=1)) <= angle).all()
 
 
 def worst_of(found):

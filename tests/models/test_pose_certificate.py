@@ -118,14 +118,6 @@ def test_wrong_dots_are_found_out_and_certified(tmp_path: Path) -> None:
     assert f"more work than the {work}" in (second.refused or "")
 
 
-def test_nothing_is_written_of_nothing(tmp_path: Path) -> None:
-    pixels = DELTALAB_CAMERA.project(transformed(drawn_pose(np.random.default_rng(1)), FEW.points))
-    boxes = PixelBoxes.around([0, 6], pixels[[0, 6]], 0.1)
-    found = enclose_pose(boxes, FEW, DELTALAB_CAMERA, certificate=tmp_path / "few")
-    assert found.verdict is Verdict.UNKNOWN
-    assert not list(tmp_path.iterdir())
-
-
 def test_sets_that_are_none_are_refused() -> None:
     with pytest.raises(InputError, match="focal length of zero"):
         CameraSet(DELTALAB_CAMERA, 1e3 * np.ones((9, 1)))

@@ -111,13 +111,6 @@ def test_the_command_writes_json_and_sol(tmp_path: Path) -> None:
         assert CliRunner().invoke(app, ["solve", str(tmp_path / "h.nl"), "-o", str(tmp_path / wrong)]).exit_code == 2
 
 
-def test_no_solution_is_an_answer(tmp_path: Path) -> None:
-    (tmp_path / "none.mbx").write_text("Variables x in [-3,3]; Constraints x^2 = -1; end")
-    run = CliRunner().invoke(app, ["solve", str(tmp_path / "none.mbx"), "-o", str(tmp_path / "none.json")])
-    assert run.exit_code == 0
-    assert json.loads((tmp_path / "none.json").read_text())["verdict"] == "infeasible"
-
-
 def test_a_largest_value_has_its_signs_turned() -> None:
     text = HS071.replace("O0 0", "O0 1")
     problem = read_nl(text, "problem.nl")

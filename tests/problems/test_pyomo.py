@@ -10,7 +10,6 @@ from cpcal.solver.contract import Verdict
 
 pyo: Any = pytest.importorskip("pyomo.environ")
 results_: Any = pytest.importorskip("pyomo.contrib.solver.common.results")
-errors_: Any = pytest.importorskip("pyomo.common.errors")
 
 from cpcal.checker.certificate import check  # noqa: E402
 from cpcal.cli.app import app  # noqa: E402
@@ -47,19 +46,6 @@ def test_a_maximum_has_its_bound_above() -> None:
     results = solver().solve(m)
     assert results.incumbent_objective <= 2.0 + 1e-9 <= results.objective_bound + 1e-8
     assert pyo.value(m.x) == pytest.approx(1.0, abs=1e-3)
-
-
-def test_an_infeasible_model_is_proved_infeasible() -> None:
-    m = pyo.ConcreteModel()
-    m.x = pyo.Var(bounds=(-3, 3))
-    m.goal = pyo.Objective(expr=m.x)
-    m.row = pyo.Constraint(expr=m.x**2 <= -1)
-    found = solver().solve(m, raise_exception_on_nonoptimal_result=False, load_solutions=False)
-    assert found.termination_condition is results_.TerminationCondition.provenInfeasible
-    assert found.incumbent_objective is None
-    for asked in ({}, {"raise_exception_on_nonoptimal_result": False}):  # there is nothing to load
-        with pytest.raises(errors_.PyomoException, match="satisfies the constraints: proved"):
-            solver().solve(m, **asked)
 
 
 def test_a_model_without_an_objective_has_all_its_solutions() -> None:

@@ -80,13 +80,6 @@ def test_a_refuted_tolerance_is_infeasible(asked: Asked) -> None:
     assert found.claims.eps_lo is None
 
 
-def test_what_was_proved_before_the_time_was_over(asked: Asked) -> None:
-    leg, run = asked({"seed": 1, "joint_error": 10.0, "factor": 0.0}, delta=100.0, time_limit=0.002)
-    assert leg.bracket.verdict is cpcal.Verdict.UNKNOWN
-    assert leg.bracket.lo < leg.bracket.hi
-    agrees(leg, accepted(run, leg.bracket.certificate))
-
-
 def test_the_same_bytes_twice_and_for_one_leg_or_more(tmp_path: Path) -> None:
     cpcal.save_campaign(cpcal.simulate(**SMALL, joint_error=10.0, factor=0.0), tmp_path / "campaign")
     campaign = cpcal.load_campaign(tmp_path / "campaign")

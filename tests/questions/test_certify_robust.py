@@ -1,6 +1,5 @@
 """eps* when some measurements may be wrong: found, proved whichever they are, and never above what trying all gives."""
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import combinations, count
 from types import SimpleNamespace
@@ -135,16 +134,6 @@ def test_without_wrong_measurements_it_is_no_larger_than_the_plain_bracket():
     (leg,) = cpcal.certify(asked, outliers=1, legs=(1,), delta=8.0, center="nominal").legs
     (plain,) = cpcal.certify(asked, legs=(1,), delta=8.0, center="nominal", support="none", gap=1e-5).legs
     assert 0.0 < leg.bracket.lo <= leg.bracket.hi < plain.bracket.lo
-
-
-def test_workers_find_and_prove_the_same(tmp_path):
-    asked, options = campaign(10, (3,)), {"outliers": 1, "legs": (1,), "delta": 0.5, "center": "nominal"}
-    cpcal.certify(asked, **options, certificates=tmp_path / "here")
-    with ThreadPoolExecutor(2) as threads:
-        cpcal.certify(asked, **options, certificates=tmp_path / "there", executor=threads)
-    here, there = ({p.name: p.read_bytes() for p in (tmp_path / n).glob("*.jsonl")} for n in ("here", "there"))
-    assert here
-    assert here == there
 
 
 def test_a_hitting_set_meets_every_set_and_none_is_missed():

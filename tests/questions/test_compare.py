@@ -1,7 +1,6 @@
 """Comparisons: a gain error is found, nothing is found where nothing is, larger models are never worse."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -85,17 +84,6 @@ def test_all_models_are_asked_about_the_same_box(found):
         cpcal.compare(cpcal.simulate(seed=1), ["plain", "gain"], center="fit")
 
 
-def test_where_the_plain_model_is_right_others_bring_almost_nothing():
-    """Readings of a robot as the plain model has it, noise and all."""
-    campaign = cpcal.simulate(seed=5, factor=0.0, random_poses=192)
-    comparison = cpcal.compare(campaign, ["plain", "gain", "lateral"], legs=[3])
-    plain, gain, lateral = (result.legs[0].bracket for result in comparison.values())
-    assert plain.lo > 0.05
-    assert 0.9 * plain.lo < gain.lo
-    assert 0.9 * plain.lo < lateral.lo
-    assert abs(gain.enclosure["s"].mid) < 2e-3
-
-
 def test_what_has_no_certificate_is_said_to_be_unchecked(uncertain, tmp_path):
     own = cpcal.LegModel("own", "L + l + k", (cpcal.Parameter("k", "mm", 1.0),), lambda measured, x: x["k"])
     comparison = cpcal.compare(uncertain, ["plain", own], tolerance=0.05, legs=[1], certificates=tmp_path, gap=1e-3)
@@ -116,23 +104,6 @@ def test_a_result_with_a_model_comes_back_from_its_file(exact, tmp_path):
     assert "s [mm/mm]" in page
     assert "--model gain" in page
     assert "a gain error s" in page
-
-
-def test_the_page_of_a_model_that_is_not_known_any_more(exact, tmp_path):
-    result = cpcal.certify(exact, legs=[1], model="gain")
-    foreign = replace(result, model=replace(result.model, name="someone_elses"))
-    with pytest.raises(cpcal.InputError, match="'someone_elses' is not known"):
-        write_report(exact, foreign, tmp_path)
-
-
-def test_a_user_defined_model_is_given_to_what_draws_its_result(exact, tmp_path):
-    own = cpcal.LegModel("own", "L + l + k", (cpcal.Parameter("k", "mm", 1.0),), lambda measured, x: x["k"])
-    drawn = cpcal.certify(exact, legs=[1], model=own, ranges=True)
-    page = write_report(exact, drawn, tmp_path, own).read_text(encoding="utf-8")
-    assert "residuals over the measurements, and the band" in page
-    for wrong in (replace(own, name="other"), replace(own, extra=(cpcal.Parameter("j", "mm", 1.0),))):
-        with pytest.raises(cpcal.InputError, match="is not the result's"):
-            write_report(exact, drawn, tmp_path, wrong)
 
 
 def test_ctrl_c_leaves_what_is_proved(exact, monkeypatch, tmp_path):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import cpcal
 from cpcal.cli.certify import STYLES
-from cpcal.questions import CampaignNote, Determination, Options, PassesFrom, Ranges, Recommended, verdict_of
+from cpcal.questions import CampaignNote, Determination, Options, PassesFrom, Recommended, verdict_of
 from cpcal.solver.contract import Verdict
 from tests.changed import leg_with
 
@@ -105,12 +105,6 @@ def test_ranges_of_more_than_half_of_the_box_are_no_pass_and_their_parameters_ar
     assert "not shown to determine" in verdict.sentence
 
 
-def test_the_rank_is_named_before_the_widths():
-    verdict = judged(0.0, 0.0, determination=POOR, enclosure=WIDE)
-    assert verdict.names == ("a_x", "l", "a_z")
-    assert verdict.sentence.index("of rank 1") < verdict.sentence.index("a_z (130 mm)")
-
-
 @pytest.mark.parametrize(
     "known",
     [
@@ -122,20 +116,6 @@ def test_the_rank_is_named_before_the_widths():
 )
 def test_ranges_that_are_wide_for_another_reason_leave_a_pass(known):
     assert judged(0.0, 0.2, 0.4, tolerance=0.5, **known).kind == "explained"
-
-
-def test_the_timeout_method_passes_no_leg_whose_ranges_are_wide():
-    asked = {"tolerance": 0.5, "method": "timeout", "time_limit": 1.0}
-    poor = judged(0.0, 0.2, 0.4, **asked, ranges=Ranges(0.5, cpcal.Box(NAMES, *WIDE)))
-    assert poor.kind == "undetermined"
-    assert poor.names == ("a_z", "l")
-    narrow = Ranges(0.5, cpcal.Box(NAMES, [-1.0] * 7, [1.0] * 7))
-    assert judged(0.0, 0.2, 0.4, **asked, ranges=narrow).kind == "explained"
-
-
-def test_ranges_at_an_error_that_was_asked_about_say_nothing_of_the_data():
-    assert judged(0.0, 5.0, eps=5.0, enclosure=WIDE).kind == "bounded"
-    assert judged(0.0, 0.0, eps=0.0, enclosure=WIDE).kind == "undetermined"
 
 
 @pytest.mark.parametrize("poor", [{"enclosure": WIDE}, {"determination": POOR}])

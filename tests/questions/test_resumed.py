@@ -57,14 +57,6 @@ def test_a_stopped_run_ends_as_an_undisturbed_one(campaign, whole, tmp_path, mon
     assert not (tmp_path / FOLDER).exists()
 
 
-def test_stopped_again_and_again_it_ends_the_same(campaign, whole, tmp_path, monkeypatch):
-    monkeypatch.setattr(sys.modules[SearchKeeper.__module__], "_LONG", 0.0)
-    for _ in range(20):  # (a support that is stopped again and again would begin again and again)
-        if not stopped(campaign, tmp_path, 9, resume=True, support="none").interrupted:
-            break
-    assert certificates(tmp_path) == whole[1]
-
-
 def test_a_limit_leaves_a_checkpoint_that_another_limit_goes_on_from(campaign, whole, tmp_path):
     part = cpcal.certify(campaign, certificates=tmp_path, node_limit=1, **OPTIONS)
     assert not part.interrupted

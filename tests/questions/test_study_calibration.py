@@ -9,15 +9,13 @@ import numpy as np
 import pytest
 
 from cpcal import InputError
-from cpcal.calibration import fit, nearest_motion, on_drawing
+from cpcal.calibration import nearest_motion, on_drawing
 from cpcal.calibration.frames import on_drawing_errors
-from cpcal.calibration.statistics import study_rows
 from cpcal.files import load_study, save_study
 from cpcal.questions import Inputs, StudyCalibration, budget, calibrate_study, load_record, save_record
 from cpcal.report.study_page import calibration
 from cpcal.robot import DELTALAB, PoseTable, Robot, Study, inverse, transformed
 from cpcal.simulate import simulate_study, true_robot
-from tests.changed import with_outliers
 
 
 @pytest.fixture(scope="module")
@@ -87,23 +85,6 @@ def test_one_gross_error_leaves_statistics_and_validation_alone(study: Study, fo
     assert wrong.repeats.channels[0].sigma == pytest.approx(good.repeats.channels[0].sigma, rel=0.05)
     errors = [one.validation.x_c.figures("position")["mean"][1] for one in (wrong, good)]
     assert errors[0] < 1.2 * errors[1]
-
-
-def test_so_many_outliers_are_none() -> None:
-    study = with_outliers(simulate_study(seed=3, runs=5, validation_runs=1, random_poses=2), 0.2, 1.0)
-    screening = study_rows(study.calibration, study.robot).screening
-    assert screening is not None
-    assert screening.too_many
-    assert screening.keep.all()
-    assert "TOO MANY FOR OUTLIERS" in screening.sentence
-
-
-def test_images_of_a_run_share_its_leg_readings() -> None:
-    repeats = calibrate_study(
-        simulate_study(seed=3, runs=4, validation_runs=2, random_poses=4, images=3)
-    ).record.repeats
-    assert not repeats.left_out
-    assert repeats.channels[11].sigma == pytest.approx(0.019, rel=0.2)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -208,23 +189,6 @@ def test_a_scale_of_the_camera_scales_the_joint_centres(found: StudyCalibration)
     assert made.largest**2 <= made.contributions[0].largest ** 2 + camera.largest**2 + 1e-12
     assert "Not in it, as nothing was stated: target_scale, lens, sensor_scale, temperature" in made.sentence
     assert "single camera" in made.sentence
-
-
-def test_simulated_errors_of_the_lens_agree_with_their_contribution(found: StudyCalibration) -> None:
-    rng, best = np.random.default_rng(0), found.x_c_sigma
-    drawn = []
-    for _ in range(30):
-        off = 0.1 * rng.standard_normal(found.campaign.position.shape)
-        again = fit(
-            replace(found.campaign, position=found.campaign.position + off),
-            weighted=True,
-            noise=best.noise,
-            start=best.parameters,
-        )
-        drawn.append(on_drawing(again.parameters, found.drawing))
-    made = budget(best, found.campaign, found.drawing, Inputs(lens=0.1))
-    (lens,) = (one for one in made.contributions if one.source == "lens")
-    assert np.sqrt(np.mean(np.var(drawn, axis=0))) == pytest.approx(lens.rms, rel=0.2)
 
 
 @pytest.mark.parametrize("values", [{"lens": -1.0}, {"lens": math.nan}])

@@ -148,15 +148,6 @@ def test_a_page_fits_a_phone_and_no_text_overlaps_also_on_paper(seen, name, widt
         assert found == found | {"width": width, "scroll": width, "wide": [], "overlaps": [], "cut": []}
 
 
-def test_what_does_not_fit_is_found(seen):
-    control = seen.found[f"bad-{PHONE}"]
-    assert control["scroll"] > PHONE
-    assert "wide" in control["wide"]
-    assert ["a", "b"] in control["overlaps"]
-    assert ["over", "wide"] in control["overlaps"]
-    assert "far" in control["cut"]
-
-
 @pytest.mark.nightly
 def test_a_run_of_six_failing_legs_is_short_on_a_desk_a_phone_and_paper(tmp_path):
     campaign = cpcal.simulate(seed=78, joint_error=5.0)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import cpcal
 from cpcal.models import PARAMETERS
 from cpcal.report import errors_svg
-from cpcal.report.figures import FARTHEST, INK, MOST_POINTS, Plot, evenly, tick_labels, worst_of_neighbours
+from cpcal.report.figures import FARTHEST, INK, MOST_POINTS, Plot, evenly, worst_of_neighbours
 from tests.report.made import made_leg, made_result
 
 CAMPAIGN = cpcal.simulate(seed=1, joint_error=1.0)
@@ -39,14 +39,6 @@ def test_ticks_lie_in_the_range_evenly_and_not_too_many(lo, width, most):
     assert all(lo - slack <= t <= hi + slack for t in found)
     steps = np.diff(found)
     assert np.allclose(steps, steps[:1], rtol=1e-6)
-
-
-def test_labels_say_the_numbers_with_few_digits():
-    assert tick_labels([-0.5, 0.0, 0.5]) == ["−0.5", "0.0", "0.5"]
-    assert tick_labels([0.0, 0.25]) == ["0.00", "0.25"]
-    assert tick_labels([-2e-9, 0.0]) == ["−2e−9", "0"]
-    assert tick_labels([0.0, 2e7]) == ["0", "2e7"]
-    assert tick_labels([k * 0.1 for k in range(4)]) == ["0.0", "0.1", "0.2", "0.3"]
 
 
 def test_the_corners_of_the_data_are_those_of_the_frame_and_words_are_no_markup():

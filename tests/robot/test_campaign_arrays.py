@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from cpcal import load_log
 from cpcal.common.errors import InputError
-from cpcal.robot import DELTALAB, Campaign, Uncertainty, rotation_matrix
-from cpcal.robot.units import SEQUENCES, ColumnSource, RotationForm, column_map, override_columns, reading_columns
+from cpcal.robot import DELTALAB, Campaign, rotation_matrix
+from cpcal.robot.units import SEQUENCES, RotationForm, column_map, override_columns, reading_columns
 from cpcal.simulate import simulate
 
 pandas = pytest.importorskip("pandas")
@@ -53,17 +53,6 @@ def test_every_euler_sequence_means_what_it_means_in_scipy():
 def test_all_forms_of_the_same_rotations_give_the_same_campaign(form, rotations):
     same_rotations(from_arrays(rotations, rotation=form))
     assert RotationForm.named(form).name == form
-
-
-def test_quaternions_of_norm_one_are_taken_bit_for_bit_and_rounded_ones_are_normalised():
-    assert np.array_equal(from_arrays(GOOD.quaternion).quaternion, GOOD.quaternion)
-    assert_allclose(from_arrays(np.round(GOOD.quaternion, 4)).quaternion, GOOD.quaternion, atol=2e-4)
-
-
-def test_one_sigma_stands_for_all_axes_and_legs():
-    stated = from_arrays(GOOD.quaternion, exact=False, position_sigma=0.1, rotation_sigma=1e-4, length_sigma=0.02)
-    assert stated.uncertainty == Uncertainty([0.1] * 3, [1e-4] * 3, [0.02] * 6, 3.0)
-    assert_allclose(stated.length_radius, 0.06)
 
 
 @pytest.mark.parametrize(
@@ -155,14 +144,6 @@ def test_maps_that_would_be_wrong_without_a_word_are_refused(columns, message):
     with pytest.raises(InputError) as caught:
         load_log(frame, robot="deltalab", columns=columns, exact=True)
     assert message in str(caught.value)
-
-
-def test_maps_are_read_as_text_and_as_mappings():
-    known = ["x", "y", "L1"]
-    expected = {"x": ColumnSource("Tx", "m"), "y": ColumnSource("T y"), "L1": ColumnSource("#3", "mm")}
-    assert column_map("x=Tx[m], y = T y ,L1=#3[mm]", known) == expected
-    assert column_map({"x": "Tx[m]", "y": "T y", "L1": "#3[mm]"}, known) == expected
-    assert column_map("", known) == {}
 
 
 @pytest.mark.parametrize(

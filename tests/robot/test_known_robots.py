@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cpcal.common.errors import InputError
-from cpcal.robot import ROBOTS, Pose, PoseRange, inverse_kinematics, known_robot
+from cpcal.robot import ROBOTS, Pose, inverse_kinematics, known_robot
 from cpcal.simulate import simulate, true_robot
 
 
@@ -38,18 +37,3 @@ def test_what_a_planar_robot_cannot_do_is_fixed_and_exact():
     assert not campaign.quaternion[:, 1:3].any()
     assert np.array_equal(campaign.position_radius[0] > 0, [True, True, False])
     assert np.array_equal(campaign.rotation_radius[0] > 0, [False, False, True])
-
-
-def test_corners_are_named_by_their_bits():
-    workspace = PoseRange([0, 0, 5], [1, 2, 5], [0, 0, 0.5])
-    campaign = simulate(known_robot("cogiro").robot, seed=1, workspace=workspace, noise=0.0)
-    assert len(campaign) == 8
-    row = campaign.pose.index("e05")  # x and the turn about z at their upper ends
-    assert campaign.position[row].tolist() == [1, 0, 5]
-    assert campaign.quaternion[row, 3] > 0
-
-
-@pytest.mark.parametrize(("low", "turn"), [([2, 0, 0], [0, 0, 0]), ([0, 0, 0], [-1, 0, 0]), ([0, 0], [0, 0, 0])])
-def test_an_empty_workspace_is_refused(low, turn):
-    with pytest.raises(InputError, match="no box of poses"):
-        PoseRange(low, [1, 1, 1], turn)

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from cpcal.common.errors import InputError
 from cpcal.files import save_study
 from cpcal.files.settings import study_bytes, table_bytes
-from cpcal.robot import Pose, inverse_kinematics, quaternion_conjugate, quaternion_product
+from cpcal.robot import inverse_kinematics, quaternion_conjugate, quaternion_product
 from cpcal.simulate import simulate, simulate_study, true_robot
 from cpcal.simulate.campaigns import EULER_SIGMA, LENGTH_SIGMA, POSITION_SIGMA
 from cpcal.simulate.studies import mechanisms_of
@@ -77,20 +77,6 @@ def test_the_noise_is_that_of_tables_2_and_3(images, share):
     length = noisy.length - clean.length
     assert_allclose(length[:: max(images, 1)].std(axis=0), LENGTH_SIGMA, rtol=0.04)
     assert np.array_equal(length, np.repeat(length[:: max(images, 1)], max(images, 1), axis=0))  # once a run
-
-
-def test_poses_without_noise_and_a_camera_of_ones_own():
-    """What images are rendered from: the true poses, seen by the camera given; leg readings keep their noise."""
-    camera = Pose(np.array([10.0, -20.0, 1100.0]), np.array([0.0, 1.0, 0.0, 0.0]))
-    seen = simulate_study(seed=4, images=2, pose_noise=0.0, camera=camera, **SMALL)
-    exact = simulate_study(seed=4, images=2, noise=0.0, **SMALL)
-    usual = simulate_study(seed=4, images=2, **SMALL)
-    assert np.array_equal(seen.calibration.length, usual.calibration.length)
-    assert_allclose(seen.truth.camera.position, camera.position)
-    bases = (study.truth.mobile_in_base(study.calibration) for study in (seen, exact))
-    assert_allclose(*(pose.position for pose in bases), atol=1e-9)
-    with pytest.raises(InputError, match="option pose_noise"):
-        simulate_study(seed=4, pose_noise=-1.0)
 
 
 def test_all_senseless_options_are_named_at_once(tmp_path):

@@ -19,12 +19,6 @@ def circle_and_line() -> cpcal.Network:
     return net
 
 
-def test_a_square_system_is_solved_without_options_and_says_by_what() -> None:
-    paving = circle_and_line().solve()
-    assert [s.verdict for s in paving.solutions] == [Verdict.PROVED] * 2
-    assert paving.method.startswith("2 equations in as many unknowns, polynomial: hc4, newton")
-
-
 def test_the_choice_follows_the_structure() -> None:
     methods = [(m.contractors, m.strategy) for m in choice_to_solve(circle_and_line()).methods]
     assert methods[-2:] == [(("hc4", "newton", "lifted"), "smear-relative"), (("lifted", "newton"), "largest")]
@@ -116,20 +110,6 @@ def test_the_chosen_width_follows_what_is_left_of_the_domain() -> None:
     paving = net.solve(limits=Limits(nodes=20_000))
     assert paving.complete
     assert max(box.width.max() for box in paving.boundary) <= 1e-4
-
-
-def test_a_width_that_is_asked_for_holds() -> None:
-    paving = made(2).solve(width=0.25)
-    assert "was chosen" not in paving.method
-    assert 0.008 < max(box.width.max() for box in paving.boundary) <= 0.25
-    single = circle_and_line().solve()
-    assert "was chosen" not in single.method  # single points: 1e-6
-    assert max(s.box.width.max() for s in single.solutions) <= 1e-6
-
-
-def test_turns_are_shorter_where_a_node_takes_longer() -> None:
-    few, many = (choice_to_solve(made(n, n)).methods[0].slice for n in (4, 60))
-    assert many < few / 10
 
 
 def test_rows_that_a_contractor_cannot_use_are_counted() -> None:

@@ -100,13 +100,3 @@ def test_a_class_and_what_returns_no_contraction_are_refused() -> None:
                 PluginError, match=r"of the contractor Nothing returned .*: it returns a Contraction whose"
             ):
                 verb(contractors=[Nothing(found)])
-
-
-def test_a_plugin_that_breaks_tells_its_own_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "broken_plugin").mkdir()
-    (tmp_path / "broken_plugin" / "__init__.py").write_text("")
-    (tmp_path / "broken_plugin" / "one.py").write_text("import a_module_that_is_not_there\n")
-    registered(monkeypatch, ("one", "broken_plugin.one:One", "theirs"))
-    monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(PluginError, match="a_module_that_is_not_there"):
-        plugins.load("one")

@@ -116,13 +116,6 @@ def test_views_that_are_fronto_parallel_are_refused(tilt):
     assert "tilted by 20 to 30 degrees" in refused(found)
 
 
-def test_views_that_are_the_same_are_refused():
-    found, _ = views(1, setting=replace(Setting(), views=1))
-    rng = np.random.default_rng(2)
-    same = [found[0]._replace(centers=found[0].centers + 0.01 * rng.standard_normal(found[0].centers.shape))] * 12
-    assert "tilted by 20 to 30 degrees" in refused(same)
-
-
 def test_too_few_views_are_refused_with_all_reasons():
     found, _ = views(1, setting=replace(Setting(), views=4))
     assert "there are no views" in refused([])

@@ -1,6 +1,5 @@
 """Cameras of OpenCV and ROS: what their own programs write is read."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +8,10 @@ from typer.testing import CliRunner
 
 from cpcal.cli.app import app
 from cpcal.common.errors import InputError
-from cpcal.vision.camera import DELTALAB_CAMERA, Camera
+from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.plate_and_camera import load_camera
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
-
-RATIONAL = replace(DELTALAB_CAMERA, distortion=[0.4, 0.2, 2e-3, -1e-5, 0.02, 0.6, 0.25, 0.03], model="rational")
-FISHEYE = Camera(1600, 1200, [750.0, 748.0], [801.0, 598.0], [-0.03, 0.01, -4e-3, 5e-4], "fisheye")
 ROS = """\
 image_width: 640
 image_height: 480
@@ -58,17 +54,6 @@ def test_a_file_of_ros_is_read(tmp_path: Path) -> None:
     camera = load_camera(tmp_path / "head.yaml").camera
     assert (camera.width, camera.height, camera.model) == (640, 480, "brown")
     np.testing.assert_array_equal(camera.numbers, [525.5, 526.0, 319.5, 239.5, -0.1, 0.01, 0.001, -0.002, 0.0])
-
-
-@pytest.mark.parametrize(
-    ("model", "camera"), [("rational_polynomial", RATIONAL), ("equidistant", FISHEYE), ("fisheye", FISHEYE)]
-)
-def test_other_lenses_of_ros_are_read(tmp_path: Path, model: str, camera: Camera) -> None:
-    text = ROS.replace("plumb_bob", model)
-    (tmp_path / "lens.yaml").write_text(text.replace("[-0.1, 0.01, 0.001, -0.002, 0]", str(camera.distortion.tolist())))
-    found = load_camera(tmp_path / "lens.yaml").camera
-    assert found.model == camera.model
-    np.testing.assert_array_equal(found.distortion, camera.distortion)
 
 
 @pytest.mark.parametrize(

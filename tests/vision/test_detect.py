@@ -11,7 +11,7 @@ from cpcal.common.errors import InputError
 from cpcal.robot import Pose, quaternion_conjugate, quaternion_product, rotation_vector
 from cpcal.simulate import simulate_study
 from cpcal.vision.batch.detect import POSITION, QUATERNION, SIGMA, ImageFolder, detect, detections_bytes, values_of
-from cpcal.vision.batch.study_images import MEAN, RenderedImages, camera_above
+from cpcal.vision.batch.study_images import RenderedImages, camera_above
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Scene
@@ -148,11 +148,3 @@ def test_what_fails_unexpectedly_is_told_and_tried_again(rendered, tmp_path):
 def _rest(rendered, chosen):
     poses = Pose(rendered.poses.position[chosen], rendered.poses.quaternion[chosen])
     return poses, rendered.target, rendered.camera, rendered.scene, rendered.seed
-
-
-def test_the_mean_of_ten_images_is_less_noisy(rendered):
-    poses, target, camera, scene, seed = _rest(rendered, slice(0, 2))
-    flat = RenderedImages(("e00/1/1.png", f"e00/1/{MEAN}.png"), poses, target, camera, scene, seed)
-    single, mean = (flat.read(name)[:100, :100].astype(float).std() for name in flat.names)
-    assert 1.7 < single < 2.3
-    assert mean < 0.45 * single

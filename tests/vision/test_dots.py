@@ -9,9 +9,7 @@ from benchmarks.vision_scenes import DotErrors, errors, facing_poses, one, pose_
 from cpcal.robot import Pose, quaternion_from_rotation_vector
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.dots import observe_dots
-from cpcal.vision.dots.edge import LINEAR, PLAIN, fitted_edges
 from cpcal.vision.measure import measure_pose
-from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Scene, render
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
@@ -135,20 +133,6 @@ def test_a_smudge_and_a_shadow_cost_little():
     assert len(found) == len(true)
     assert apart.max() < 0.1
     assert np.median(apart) < 0.005
-
-
-@pytest.mark.parametrize("slope", [(0.02, 0.0), (-0.01, 0.015)])
-@pytest.mark.parametrize("used", [PLAIN, LINEAR])
-def test_steep_light_that_falls_before_the_blur_moves_no_centre(slope, used):
-    fine, size, at, blur = 8, 41, np.array([20.3, 19.8]), 1.0
-    y, x = (np.mgrid[: size * fine, : size * fine] + 0.5) / fine - 0.5
-    share = np.clip(0.5 + fine * (7.0 - np.hypot(x - at[0], y - at[1])), 0.0, 1.0)
-    grey = (30.0 + 150.0 * share) * (1.0 + slope[0] * (x - at[0]) + slope[1] * (y - at[1]))
-    grey = opencv().GaussianBlur(grey, (0, 0), blur * fine).reshape(size, fine, size, fine).mean(axis=(1, 3))
-    image = np.rint(100.0 * grey).astype(np.uint16)
-    told = np.array([slope]) if used == PLAIN else np.zeros((1, 2))
-    found = fitted_edges(image, at[None] + 0.1, 7.0**2 / 4.0 * np.eye(2)[None], np.array([3.0]), told, used)
-    assert np.abs(found.center - at).max() < 0.002  # the image of the edge is moved by (blur^2 + 1/12) slope, 0.02
 
 
 def test_blur_in_the_middle_of_dots_is_no_light():

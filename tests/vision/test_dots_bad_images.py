@@ -45,26 +45,6 @@ def test_what_is_no_image_is_refused(value):
     assert "give an array" in refused.value.problems[0].remedy
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 100), (8, 31), (40, 40)])
-def test_tiny_images_have_no_dots(shape):
-    rng = np.random.default_rng(0)
-    for kind in (np.uint8, np.uint16):
-        for picture in (
-            np.zeros(shape, kind),
-            np.full(shape, 255, kind),
-            rng.integers(0, np.iinfo(kind).max, shape, dtype=kind),
-        ):
-            assert observe_dots(picture).centers.shape == (0, 2)
-
-
-def test_noise_has_no_dots():
-    rng = np.random.default_rng(1)
-    assert len(observe_dots(rng.integers(0, 256, SHAPE, dtype=np.uint8))) == 0
-    assert len(observe_dots(np.clip(rng.normal(120.0, 20.0, SHAPE), 0, 255).astype(np.uint8))) == 0
-    for share in (0.01, 0.5, 0.99):
-        assert len(observe_dots(np.where(rng.random(SHAPE) < share, 255, 0).astype(np.uint8))) == 0
-
-
 def test_checkerboards_stripes_squares_and_ramps_have_no_dots():
     cv2 = opencv()
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]

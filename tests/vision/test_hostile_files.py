@@ -93,15 +93,6 @@ def test_pipes_and_devices_are_no_journals(no_file, tmp_path):
         detect(ImageFolder(tmp_path / "images"), DELTALAB_TARGET, DELTALAB_CAMERA, journal=no_file("journal"))
 
 
-def test_a_link_to_nothing_is_an_image_with_a_reason(tmp_path):
-    (tmp_path / "image.png").symlink_to(tmp_path / "nothing.png")
-    journal = tmp_path / "journal"
-    for measured in (1, 0):
-        found = detect(ImageFolder(tmp_path), DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=journal)
-        assert [row.reason for row in found.rows] == ["cannot be read: No such file or directory"]
-        assert found.measured == measured
-
-
 @pytest.fixture
 def one_image(tmp_path):
     (tmp_path / "images").mkdir()

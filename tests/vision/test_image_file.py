@@ -26,13 +26,6 @@ def test_what_is_written_without_loss_is_read_back(tmp_path, suffix, image):
     assert np.array_equal(read_image(written(tmp_path / f"image.{suffix}", image)), image)
 
 
-def test_jpeg_and_transparency(tmp_path):
-    flat = np.full((48, 64), 90, np.uint8)
-    assert np.abs(read_image(written(tmp_path / "a.jpg", flat)).astype(int) - 90).max() <= 2
-    four = np.dstack([flat, flat, flat, flat])
-    assert read_image(written(tmp_path / "b.png", four)).shape == (48, 64, 3)
-
-
 def test_what_is_no_image_has_a_reason(tmp_path):
     good = written(tmp_path / "good.png", GREY).read_bytes()
     photo = written(tmp_path / "good.jpg", GREY).read_bytes()

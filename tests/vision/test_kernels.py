@@ -7,9 +7,9 @@ import pytest
 from benchmarks.vision_scenes import facing_poses, one
 from cpcal.solver.compiled import plain
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
-from cpcal.vision.dots.segmentation import ellipses, noise_level
+from cpcal.vision.dots.segmentation import ellipses
 from cpcal.vision.pose import Pixels, fit, fit_pose
-from cpcal.vision.projection import centers_by_pose, median, placed_centers
+from cpcal.vision.projection import centers_by_pose, placed_centers
 from cpcal.vision.target import DELTALAB_TARGET
 
 RATIONAL = Camera(1024, 768, [900.0] * 2, [510.0, 380.0], [0.4, 0.2, 2e-3, -1e-3, 0.02, 0.6, 0.25, 0.03], "rational")
@@ -68,19 +68,3 @@ def test_moments_of_outlines_are_opencvs():
         assert moments[0, 0] - moments[1, 1] == pytest.approx(
             (theirs["mu20"] - theirs["mu02"]) / area, rel=1e-6, abs=1e-6
         )
-
-
-@pytest.mark.parametrize(("kind", "top"), [(np.uint8, 255), (np.uint16, 65_535)])
-def test_the_noise_level_is_that_of_the_pixels(kind, top):
-    rng = np.random.default_rng(3)
-    for noise in (0.0, 2.0, 8.0):
-        image = np.clip(np.rint(100.0 + noise * rng.standard_normal((600, 800))), 0, top).astype(kind)
-        assert noise_level(image) == pytest.approx(np.hypot(noise, np.sqrt(1 / 12)), rel=0.05)
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 10])
-def test_the_median_is_numpys_and_none_where_a_value_is_none(count: int) -> None:
-    values = np.random.default_rng(count).normal(size=count)
-    assert median(values) == np.median(values)
-    values[count // 2] = np.nan
-    assert np.isnan(median(values))

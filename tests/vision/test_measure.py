@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from benchmarks.vision_scenes import degenerate_images, facing_poses, one, pose_error
-from cpcal.common.errors import InputError
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.measure import NotMeasured, measure_pose
 from cpcal.vision.render import render
@@ -69,8 +68,3 @@ def test_a_wrong_camera_shows_in_the_residuals() -> None:
     off = Camera(1024, 768, DELTALAB_CAMERA.focal, DELTALAB_CAMERA.center, DELTALAB_CAMERA.distortion * 0.5)
     with pytest.raises(NotMeasured, match="the camera or the target is not as stated"):
         measure_pose(image, DELTALAB_TARGET, off)
-
-
-def test_what_is_no_image_is_bad_input() -> None:
-    with pytest.raises(InputError, match="give an array"):
-        measure_pose(np.zeros(5, dtype=np.uint8), DELTALAB_TARGET, DELTALAB_CAMERA)

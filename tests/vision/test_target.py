@@ -44,16 +44,6 @@ def test_asymmetric_circles_are_where_opencv_has_them():
     assert (board.radius, board.bright, board.printed) == (4.0, None, False)
 
 
-def test_corners_are_where_opencv_has_them():
-    cv2 = opencv()
-    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
-    charuco = cv2.aruco.CharucoBoard((6, 5), 40.0, 30.0, dictionary)
-    np.testing.assert_allclose(target_from("charuco:6x5:40:30:4X4_50").points, charuco.getChessboardCorners())
-    grid = cv2.aruco.GridBoard((4, 3), 40.0, 10.0, dictionary)
-    np.testing.assert_allclose(target_from("grid:4x3:40:10:4X4_50").points, np.concatenate(grid.getObjPoints()))
-    assert target_from("chessboard:8x5:30").dots[8].tolist() == [0.0, 30.0]
-
-
 @pytest.mark.parametrize("text", ["charuco:6x5:36:24:4X4_50", "grid:3x2:36:6:4X4_50"])
 def test_what_is_printed_is_what_opencv_prints(text):
     """Six bits a marker: pixels of a millimetre."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cpcal.common.errors import InputError
-from cpcal.vision.files.plate_and_camera import load_target, save_target, target_bytes
+from cpcal.vision.files.plate_and_camera import load_target, save_target
 from cpcal.vision.target import DELTALAB_TARGET, Target, target_from
 
 TOML = """\
@@ -59,13 +59,6 @@ def test_what_is_saved_is_loaded_and_saved_again_byte_for_byte(tmp_path, target)
     save_target(load_target(path), path, {"made by": "the test"})
     assert path.read_bytes() == first
     assert [p.name for p in tmp_path.iterdir()] == ["target.toml"]
-
-
-def test_a_file_written_by_hand_is_read(tmp_path):
-    target = load(tmp_path, TOML)
-    assert (target.name, target.bright, target.radius, target.board) == ("five", False, 2.5, "")
-    np.testing.assert_array_equal(target.dots, [[0, 0], [10, 10], [30, 30], [45, 45], [0, 20]])
-    assert b"radius = 2.5\n" in target_bytes(target)
 
 
 def test_a_measured_plate_has_another_scale_and_deviations(tmp_path):

@@ -3,7 +3,6 @@
 import re
 import shutil
 import subprocess
-import xml.etree.ElementTree as ElementTree
 import zlib
 from dataclasses import replace
 from pathlib import Path
@@ -90,22 +89,6 @@ def test_the_same_target_gives_the_same_bytes():
     assert b"Date" not in page_bytes(SMALL, "pdf")
 
 
-@pytest.mark.parametrize(
-    ("extent", "paper", "size"),
-    [
-        ((100.0, 150.0), "a4", (210.0, 297.0)),
-        ((200.0, 100.0), "a4", (297.0, 210.0)),
-        ((200.0, 250.0), "a3", (297.0, 420.0)),
-        ((1000.0, 700.0), "a0", (1189.0, 841.0)),
-        ((2000.0, 2000.0), "", (2034.0, 2052.0)),
-    ],
-)
-def test_the_page_is_the_smallest_that_holds_the_target(extent, paper, size):
-    corners = np.array([[0.0, 0.0], extent, [0.0, extent[1]]])
-    found = sheet(Target("t", corners, 2.0))
-    assert (found.paper, found.size) == (paper, pytest.approx(size))
-
-
 @pytest.mark.parametrize("paper", PAPERS)
 def test_a_target_made_for_a_paper_is_the_largest_that_fits_it(paper):
     made = on_paper(DELTALAB_TARGET, paper)
@@ -126,11 +109,3 @@ def test_files_are_written_by_their_suffix(tmp_path):
         print_target(SMALL, tmp_path / "target.png")
     with pytest.raises(InputError, match="cannot be written"):
         print_target(SMALL, Path("/dev/null") / "target.svg")
-
-
-def test_the_svg_is_as_large_as_the_sheet_and_shows_odd_names():
-    root = ElementTree.fromstring(page_bytes(replace(SMALL, name="line\nbreak \x00 & <dark>"), "svg"))
-    size = [float(root.get(side).removesuffix("pt")) * 25.4 / 72.0 for side in ("width", "height")]
-    np.testing.assert_allclose(size, sheet(SMALL).size, atol=1e-3)
-    assert "line break   & <dark>" in "".join(root.itertext())
-    assert page_bytes(replace(SMALL, name="line\nbreak \x00"), "pdf")

@@ -60,22 +60,6 @@ def test_two_renderers_and_two_models_of_a_dots_centre_agree():
     assert np.sqrt(np.mean((found.centers - centers[found.numbers]) ** 2)) < 0.0015  # rounding to grey levels is half
 
 
-@some("clutter: texture and discs", "clutter: texture")
-def test_a_plate_is_found_among_many_more_specks_than_dots(name):
-    figures = measured(CONDITIONS[name], 3, 6)
-    assert figures["found"] == 3
-    assert figures["wrong"] == 0
-    assert figures["NEES/6"] < 2.2
-
-
-@some("clutter: a dimmer grid beside", "clutter: 150 discs")
-def test_the_light_of_a_background_does_not_move_the_target(name):
-    figures = measured(CONDITIONS[name], 3, 5)
-    assert figures["found"] == 3
-    assert figures["wrong"] == 0
-    assert figures["NEES/6"] < 2.2  # 18 degrees of freedom: exceeded once in 400 if it is 1
-
-
 @some("shadow, 15 px soft", "shadow, 40 px soft", "motion, 3 px", "motion, 6 px")
 def test_a_shadows_edge_and_motion_leave_poses_as_good_as_stated(name):
     figures = measured(CONDITIONS[name], 3, 5)

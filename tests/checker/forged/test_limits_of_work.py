@@ -8,15 +8,9 @@ from typing import Any
 
 import pytest
 
-from cpcal.checker import Refused, Unusable, check
+from cpcal.checker import Refused, check
 from cpcal.checker.files import Budget
 from cpcal.files.folders import NAME
-
-
-def test_no_campaign(verdict: Any, exact_proof: Any, tmp_path: Path) -> None:
-    for folder in (tmp_path / "nowhere", None):
-        with pytest.raises(Unusable, match="cannot be read"):
-            verdict(exact_proof.lines, folder)
 
 
 def test_the_campaign_beside_a_certificate_is_found(tmp_path: Path, exact_proof: Any) -> None:

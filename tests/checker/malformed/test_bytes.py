@@ -53,12 +53,6 @@ def test_files_that_are_none(checked: Any, exact_proof: Any, content: bytes) -> 
     assert refused(checked, content, None).line == 1
 
 
-def test_not_utf8_in_the_middle(checked: Any, short_proof: Any) -> None:
-    lines = encoded(short_proof.lines)
-    lines[-1] = lines[-1].replace(b"lo", b"l\xff", 1)
-    assert refused(checked, b"".join(lines), short_proof.folder).line == len(lines)
-
-
 @pytest.mark.parametrize("key", [b'"cap"', b'"infeasible"', b'"epsilon"', b'"lo"', b'"at"', b'"holds"'])
 def test_a_claim_twice(checked: Any, short_proof: Any, key: bytes) -> None:
     lines = encoded(short_proof.lines)

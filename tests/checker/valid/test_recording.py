@@ -84,20 +84,6 @@ def test_steps_are_not_kept_in_memory() -> None:
     assert peak - before < 200_000
 
 
-@pytest.mark.parametrize("dimensions", [1, 2])
-def test_the_minimum_of_a_polynomial_of_degree_four_is_proved_by_its_certificate(tmp_path, dimensions):
-    """Products of more than two unknowns, which no certificate has, are done without."""
-    net = cpcal.Network()
-    x, t = net.variable("x", dimensions, domain=(-2, 2)), net.variable("t", domain=(-50, 50))
-    net.add(sum((x[k] * x[k] - 1) ** 2 + 0.3 * x[k] for k in range(dimensions)) <= t)
-    found = net.minimize(t, limits=cpcal.Limits(nodes=500), certificate=tmp_path / "c.jsonl")
-    assert found.verdict is cpcal.Verdict.PROVED
-    claims = check(tmp_path / "c.jsonl").claims
-    assert float(claims.eps_lo) <= dimensions * -0.3054284837  # the minimum lies between these two
-    assert float(claims.eps_hi) >= dimensions * -0.3054284838
-    assert float(claims.eps_hi) - float(claims.eps_lo) < 1e-4
-
-
 def test_a_certificate_that_cannot_be_written_does_not_lose_the_answer(tmp_path: Path) -> None:
     net = problem()
     (tmp_path / "c.jsonl").mkdir()  # in the way

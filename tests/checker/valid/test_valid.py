@@ -1,7 +1,6 @@
 """True certificates are accepted, and nothing but the standard library is needed to accept them."""
 
 import ast
-import random
 import shutil
 import subprocess
 import sys
@@ -16,21 +15,15 @@ import pytest
 import cpcal
 from cpcal.checker import ExactCampaign, Refused, check
 from cpcal.checker.leg import Measurement
-from cpcal.files.folders import NAME, save_campaign_json
+from cpcal.files.folders import save_campaign_json
 from cpcal.models import leg_statement
 from cpcal.models.leg import leg_readings
 from cpcal.questions import save_result
 from cpcal.solver.certificate.exact_network import number
 from tests.checker.proofs import all_readings
-from tests.checker.valid.exact_legs import Exact, in_fractions, parts
+from tests.checker.valid.exact_legs import in_fractions
 
 SMALL: dict[str, Any] = {"ask": {"delta": 2.0}, "extremal": False, "random_poses": 16, "joint_error": 10.0}
-
-
-def measured(made: Any) -> list[Exact]:
-    """Of leg 1."""
-    campaign = ExactCampaign(made.path.parent / NAME)
-    return [in_fractions(campaign.measurement(k, 1)) for k in range(len(campaign))]
 
 
 def test_handmade_certificates_are_accepted(verdict: Any, any_proof: Any) -> None:
@@ -107,12 +100,6 @@ def test_the_largest_numbers_and_degrees(verdict: Any, network_proof: Any) -> No
     assert verdict(lines, None).used == {0}
 
 
-@pytest.mark.parametrize("factor", [0.0, 3.0])
-def test_the_checker_needs_the_standard_library_only(certified: Any, factor: float, tmp_path: Path) -> None:
-    made = certified(factor=factor, **SMALL)
-    alone(check(made.path), made.path, tmp_path)
-
-
 @pytest.mark.parametrize("model", ["gain", "lateral"])
 def test_whole_proofs_of_models(certified: Any, model: str) -> None:
     """Of uncertain readings; the result says what they prove, the checker alone as well."""
@@ -123,11 +110,6 @@ def test_whole_proofs_of_models(certified: Any, model: str) -> None:
     assert (found.claims.eps_lo, found.claims.eps_hi) == (made.leg.bracket.lo, made.leg.bracket.hi)
     assert made.leg.bracket.hi > made.leg.bracket.lo > 0
     assert (found.claims.eps_hi - found.claims.eps_lo) < F(1, 1000)
-
-
-def test_nor_does_it_for_constraints(network_split_proof: Any, tmp_path: Path, verdict: Any) -> None:
-    found = verdict(network_split_proof.lines, None)
-    alone(found, tmp_path / "certificate.jsonl", tmp_path / "elsewhere")
 
 
 def bare(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
@@ -165,43 +147,6 @@ def test_the_checker_imports_nobody() -> None:
 
 
 # the statement ------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("factor", [0.0, 3.0])
-def test_no_point_violates_what_was_accepted(certified: Any, factor: float) -> None:
-    """Random points of the box, random readings of the sets: none is a solution that the claims deny."""
-    made, rng = certified(factor=factor, **SMALL), random.Random(1)
-    found, measurements = check(made.path), measured(made)
-    claims, best = found.claims, [F(v) for v in made.leg.bracket.point]
-    assert found.chosen == tuple(range(16))
-
-    def drawn(radius: F) -> F:
-        return radius * rng.choice([-1, 1, F(rng.randint(-8, 8), 8)])
-
-    def solves(x: list[F], eps: F) -> bool:
-        for m in measurements:
-            tried = [[*map(drawn, m.radii)] for _ in "1234"]
-            gaps = [parts(m, "plain", x, reading) for reading in ([[F(0)] * 7, *tried] if factor else [[F(0)] * 7])]
-            short_enough = m.length - m.radii[6] + x[6] >= eps
-            if not short_enough or not any((base - eps) ** 2 <= square <= (base + eps) ** 2 for square, base in gaps):
-                return False
-        return True
-
-    inside = solved = 0
-    for n in range(60):
-        size = F(10) ** rng.randint(-7, -1)
-        near = [v + size * F(rng.randint(-1000, 1000), 1000) for v in best]
-        x = near if n % 4 else [a + (b - a) * F(rng.random()) for a, b in zip(found.lo[:7], found.hi[:7], strict=True)]
-        if not all(a <= v <= b for a, v, b in zip(found.lo, x, found.hi, strict=False)):
-            continue
-        inside += 1
-        assert claims.eps_lo == 0 or not solves(x, claims.eps_lo - F(1, 10**12))
-        if solves(x, claims.cap):
-            solved += 1
-            assert all(a <= v <= b for a, v, b in zip(claims.enclosure[0], x, claims.enclosure[1], strict=False))
-        else:
-            assert x != best or factor
-    assert inside > 30
 
 
 # the same numbers from the campaign in memory -----------------------------------------------------------------------

@@ -22,11 +22,6 @@ def test_what_is_written_is_read(path):
     assert read_checkpoint(path, OF) == LINES
 
 
-def test_the_same_lines_are_the_same_bytes(path, tmp_path):
-    write_checkpoint(tmp_path / "b", OF, iter(LINES))
-    assert path.read_bytes() == (tmp_path / "b").read_bytes()
-
-
 def test_wherever_it_is_cut_off_it_is_refused(path):
     whole = path.read_bytes()
     for size in [*range(0, len(whole), 37), len(whole) - 1]:

@@ -12,7 +12,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from cpcal.common.errors import InputError
 from cpcal.solver.execution.executors import Here, LostWorkerError, Processes, executor_for, outcomes
 from cpcal.solver.execution.stopping import Reason, also_asked_by, asked, heard
 
@@ -140,11 +139,6 @@ def test_what_cannot_travel_is_its_tasks_error_alone(unpicklable):
         found = {str(one.task): one for one in outcomes(pool, most, str, [1, unpicklable, 2])}
     assert re.search("pickle", str(found.pop(str(unpicklable)).error), re.IGNORECASE)
     assert sorted(one.value for one in found.values()) == ["1", "2"]
-
-
-def test_two_places_are_refused():
-    with pytest.raises(InputError, match="both given"), executor_for(workers=2, scheduler="tcp://127.0.0.1:1"):
-        pass
 
 
 _ORPHANS = """

@@ -13,7 +13,6 @@ import cpcal
 from cpcal.cli import verify
 from cpcal.common.errors import InputError
 from cpcal.solver.execution import executors
-from cpcal.solver.execution.executors import executor_for
 
 OPTIONS = {"legs": [2, 3], "delta": 200.0, "support": "none"}
 
@@ -40,12 +39,6 @@ def certified(campaign, run, **place):
 @pytest.mark.parametrize("workers", [2, pytest.param(4, marks=pytest.mark.nightly)])
 def test_processes_give_the_same_certificates(campaign, here, tmp_path, workers):
     assert certified(campaign, tmp_path, workers=workers) == here
-
-
-def test_a_cluster_that_is_not_there_is_an_error_that_says_what_to_start(monkeypatch):
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InputError, match=r"pip install 'cpcal\[distributed\]'"), executor_for(scheduler="tcp://x:1"):
-        pass
 
 
 def test_a_model_that_cannot_travel_is_refused_before_the_work(campaign):

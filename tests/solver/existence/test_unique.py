@@ -7,11 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cpcal.common.errors import ModelError
 from cpcal.solver.existence import Equalities, UniquenessProver, prove_unique
 from cpcal.solver.existence.operators import inside, newton_image
-from cpcal.solver.interval import Box, Interval, IntervalArray
-from cpcal.solver.network import ConstraintNetwork, Expr, norm, sqr, sqrt
+from cpcal.solver.interval import Box, IntervalArray
+from cpcal.solver.network import ConstraintNetwork, Expr, sqr, sqrt
 
 
 def broyden_banded(n: int) -> ConstraintNetwork:
@@ -137,27 +136,6 @@ def test_what_is_not_proved() -> None:
     refused(lambda net, x, y: None, (1, 1))
 
 
-def test_other_constraints_may_hold_for_some_readings_and_constants_may_be_enclosed() -> None:
-    net = ConstraintNetwork()
-    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
-    third = Interval(1) / 3
-    net.add([x == third, sqr(y) == 1 + net.constant(third), y >= 0, norm(x - net.reading([3.0], [0.5])) <= 2.5])
-    box = prove_unique(net, (0.3, 1.1))
-    assert box is not None
-    assert box["y"].lo == pytest.approx(np.sqrt(4 / 3))
-    net.add(x + net.reading(0.0, 0.1) == 5)
-    assert prove_unique(net, (0.3, 1.1)) is None
-
-
-def test_a_fixed_component_is_no_unknown() -> None:
-    net = ConstraintNetwork()
-    x, fixed = net.variable("x", 2, (-2, 2)), net.variable("fixed", (), (0.5, 0.5))
-    net.add([x[0] + fixed == 1, x[1] * fixed == 0.125, (x + fixed).within((-1, 1.5))])
-    box = prove_unique(net, (0.4, 0.2, 0.5))
-    assert box is not None
-    assert (0.5, 0.25, 0.5) in box
-
-
 def test_kinks_are_enclosed_by_slopes() -> None:
     """|x| + 3 x has slopes between 2 and 4, so that its zero is proved; those of |x| + x / 2 have both signs."""
     for slope, unique in ((0.5, False), (3.0, True)):
@@ -167,17 +145,6 @@ def test_kinks_are_enclosed_by_slopes() -> None:
         prover = UniquenessProver(net)
         found = prover.prove(Box(net.names, [-0.1, -0.1], [0.1, 0.1]))
         assert (found is not None) == unique
-
-
-def test_a_point_or_a_box_will_do() -> None:
-    net = circle_and_parabola()
-    from_point = prove_unique(net, (1.5, 1.3))
-    from_box = prove_unique(net, Box(net.names, [1.4, 1.2], [1.6, 1.4]))
-    assert from_point is not None
-    assert from_box is not None
-    assert not from_point.intersect(from_box).is_empty
-    with pytest.raises(ModelError, match="2 components"):
-        prove_unique(net, (1.0, 2.0, 3.0))
 
 
 def test_a_box_is_inside_another_only_if_each_of_its_ends_is() -> None:

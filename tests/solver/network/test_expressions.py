@@ -9,7 +9,6 @@ import pytest
 from contractors import HC4, Lifted
 from cpcal.common.errors import ModelError
 from cpcal.solver.interval import Interval, IntervalArray
-from cpcal.solver.interval.box import component_names
 from cpcal.solver.network import ConstraintNetwork, Tape, norm
 
 
@@ -137,13 +136,3 @@ def test_matmul_is_numpys(net: ConstraintNetwork, left: tuple[int, ...], right: 
         found = tape.value(tape.forward(values), root)
         np.testing.assert_allclose(found.lo[0], a @ b, rtol=1e-12, atol=1e-12)
         assert (found.lo[0] <= a @ b + 1e-12).all()
-
-
-def test_names_of_components(net: ConstraintNetwork) -> None:
-    x, y = net.variable("x", (2, 2), (0, 1)), net.variable("y")
-    assert net.names == ("x[0,0]", "x[0,1]", "x[1,0]", "x[1,1]", "y")
-    assert net.component(x[1, 0]) == "x[1,0]"
-    assert net.component(y) == "y"
-    assert component_names(y) == ("y",)
-    assert not net.domain.is_bounded
-    assert repr(net).endswith("5 unknowns, 0 constraints>")

@@ -153,13 +153,3 @@ def test_rows_that_only_see_their_own_measurement_cost_no_more_than_their_number
 
 
 # known values ---------------------------------------------------------------------------------------------
-
-
-def test_affine_rows_with_exact_coefficients_are_evaluated_exactly() -> None:
-    net = ConstraintNetwork()
-    x = net.variable("x", 2, ([1, 2], [3, 5]))
-    expr = x[0] - x[1] + 2 * x[1] - x[0] * 3.0
-    assert CentredForm(net, expr).affine
-    assert CentredForm(net, net.reading([1.0], 0.5) * x[0] / 2.0).affine
-    for curved in (x[0] * x[1], sqr(x[0]), 1 / x[0], abs(x[0]), x[0] ** 3):
-        assert not CentredForm(net, curved).affine

@@ -11,7 +11,7 @@ from cpcal import Network, Verdict
 from cpcal.common.errors import ModelError
 from cpcal.solver.contract import Repeat
 from cpcal.solver.existence import prove_unique
-from cpcal.solver.interval import Interval, IntervalArray
+from cpcal.solver.interval import Interval
 
 BOTH = ["hc4", "newton"]
 
@@ -42,15 +42,6 @@ def test_no_proof_rests_on_a_domain_that_was_cut_off(make) -> None:
     net.add(x * 3 + make(x) - make(x) == -3e-9)
     for at in (-1e-9, 1e-9):
         assert prove_unique(net, (at,)) is None
-
-
-def test_a_pole_is_no_zero() -> None:
-    for function in (cpcal.tan, lambda x: 1 / (x - 1.57)):
-        net = Network()
-        x = net.variable("x", domain=(1.2, 1.9))
-        net.add(function(x) == 0.0)
-        paving = net.solve(contractors=BOTH, width=1e-3)
-        assert not any(s.verdict is Verdict.PROVED for s in paving.solutions)
 
 
 def test_hc4_goes_back_through_periodic_functions() -> None:
@@ -107,14 +98,3 @@ def test_expressions_constraints_and_networks_print_as_mathematics() -> None:
     for _ in range(3000):
         long = long + y
     assert len(str(long)) < 1000
-
-
-def test_boxes_are_asked_by_variables() -> None:
-    net = Network()
-    x, y = net.variable("x", (2, 2), (-1, 1)), net.variable("y", domain=(0, 3))
-    assert net.domain[y] == Interval(0, 3)
-    found = net.domain[x]
-    assert isinstance(found, IntervalArray)
-    assert found.hi.tolist() == [[1, 1], [1, 1]]
-    with pytest.raises(ModelError, match="not for"):
-        net.domain[x + 1]

@@ -150,12 +150,3 @@ def test_long_expressions_go_through_pickle_and_copy() -> None:
     assert other.digest == net.digest == copy.deepcopy(net).digest
     for contractor in (HC4(net), Lifted(net)):
         assert (-1.0,) in pickle.loads(pickle.dumps(contractor)).contract(net.domain).box
-
-
-def test_what_a_callback_adds_is_no_part_of_the_answer() -> None:
-    net = Network()
-    x = net.variable("x", domain=(0, 1))
-    net.add(cpcal.sqr(x) == 0.25)
-    paving = net.solve(progress=lambda event: net.add(x == 0.75))
-    assert [(0.5,) in solution.box for solution in paving.solutions] == [True]
-    assert paving.solutions[0].verdict.value == "proved"

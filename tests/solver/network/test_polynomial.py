@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import cpcal
 from cpcal.common.values import Floats
-from cpcal.solver.interval import Box, Interval, IntervalArray
+from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import (
     ConstraintNetwork,
     Expr,
@@ -227,24 +227,6 @@ def test_what_is_not_polynomial_is_left_over_with_a_reason(name: str) -> None:
     assert [number for number, _ in system.leftover] == [1]
     assert all(reason for _, reason in system.leftover)
     assert system.origin.tolist() == [[0, 0]]
-
-
-def test_a_sum_of_many_absolute_values_is_left_over_and_minimised_all_the_same() -> None:
-    net = cpcal.Network()
-    x = net.variable("x", 12, (-10, 10))
-    assert net.minimize(abs(x - 1).sum()).hi < 1e-6  # that each has a sign makes 2^12 rows
-    y = net.variable("y")
-    net.add(sum((abs(x[k]) for k in range(12)), y) <= 1)
-    assert not len(PolynomialForms(net).on().origin)
-
-
-def test_constants_that_enclose_a_number_widen_the_rows() -> None:
-    net = ConstraintNetwork()
-    x = net.variable("x", (), (-5, 5))
-    net.add(Interval(1, 2) * x <= Interval(3, 4))
-    system = PolynomialForms(net).on()
-    assert holds(system, np.array([4.0])) == [True]
-    assert holds(system, np.array([4.1])) == [False]
 
 
 # Taylor models ----------------------------------------------------------------------------------------------

@@ -1,7 +1,5 @@
 """A network with some of its measurements is the same network for those, and loses no solution."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,12 +8,10 @@ from hypothesis import strategies as st
 from contractors import Lifted, lifted
 from cpcal.models import fit_model, leg_box, leg_network
 from cpcal.simulate import simulate
-from cpcal.solver.contract import Contractor
 from cpcal.solver.interval import Interval, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, Expr, Tape, maximum, norm, sqr
 from cpcal.solver.network.network import restricted
 from cpcal.solver.network.rows import Rows
-from cpcal.solver.testing import CONFORMANCE
 
 N = 6
 
@@ -70,22 +66,11 @@ def natural(net: ConstraintNetwork, expr: Expr, box: IntervalArray) -> IntervalA
     return tape.value(tape.forward(box), expr)
 
 
-def frugal(network: ConstraintNetwork, **options: Any) -> Contractor:
-    return Lifted(network, **options)
-
-
 def few_rows(monkeypatch: pytest.MonkeyPatch, telling: int) -> None:
     monkeypatch.setattr(lifted, "_MANY", 0)
     monkeypatch.setattr(lifted, "_MANY_EACH", 0)
     monkeypatch.setattr(lifted, "_TELLING", telling)
     monkeypatch.setattr(lifted, "_ENCLOSING", telling)
-
-
-@pytest.mark.parametrize("telling", [1, 3])
-@pytest.mark.parametrize("check", ["keeps_solutions", "leaves_a_part", "is_repeatable"])
-def test_lifted_on_few_telling_rows_conforms(check: str, telling: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    few_rows(monkeypatch, telling)
-    CONFORMANCE[check](frugal)
 
 
 def test_steps_of_few_telling_rows_name_elements_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ from cpcal import Interval, Limits, Network, Verdict, maximum, norm
 from cpcal.common.errors import ModelError
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.bound import Bracket, Minimum, minimize, status_of
-from cpcal.solver.optimize.local import Incumbent, Known, fit, fit_of_many
+from cpcal.solver.optimize.local import Incumbent, fit, fit_of_many
 from cpcal.solver.optimize.witness import Prepared, Witness
 
 Problem = tuple[Network, str, float]
@@ -146,15 +146,6 @@ def test_infeasible_networks_are_refuted() -> None:
     assert net.minimize(z).hi == pytest.approx(0.16, rel=1e-5)
 
 
-def test_minimum_on_a_face_of_the_domain_is_said_to_be_that() -> None:
-    net = Network()
-    x, e = net.variable("x", (), (-1, 1)), net.variable("e", (), (0, 5))
-    net.add((x - 0.5).within((-e, e)))
-    found = net.minimize(e)
-    assert (found.lo, found.hi, found.verdict) == (0.0, 0.0, Verdict.PROVED)
-    assert "smallest value that the domain allows" in found.status
-
-
 def test_an_unclosed_bracket_is_never_proved() -> None:
     """No contractor bounds this: the answer must not be called proved."""
     net = Network()
@@ -217,15 +208,6 @@ def test_only_the_gap_that_was_asked_for_closes_a_bracket(lo, floor, undecided, 
         assert status_of(Bracket(at, np.inf, 1, 1, 0.0), incumbent, left, 0.0)[0] is what
 
 
-def test_what_another_search_has_learned_replaces_the_incumbent_only_where_it_is_better() -> None:
-    net = Network()
-    net.variable("e", (), (0, 10))
-    incumbent = Incumbent(Prepared(net, "e"), Limits())
-    for value, kept in ((2.0, 2.0), (3.0, 2.0), (1.0, 1.0)):
-        incumbent.learn(Known(Witness(np.array([value]), value), 1), Known(None, 0))
-        assert incumbent.hi == kept
-
-
 def test_a_fit_of_many_measurements_is_that_of_all_of_them() -> None:
     rng = np.random.default_rng(3)
     t = rng.uniform(-1.0, 1.0, 3000)
@@ -239,26 +221,3 @@ def test_a_fit_of_many_measurements_is_that_of_all_of_them() -> None:
     np.testing.assert_allclose(of_some, of_all, atol=1e-9)
     easy = np.array([0.0, 0.0, 0.0, 9.0])  # no measurement is violated there
     np.testing.assert_array_equal(fit_of_many(net, rows, 3, easy), easy)
-
-
-def test_fit_starts_where_a_norm_has_no_derivative() -> None:
-    corners = np.array([[0, 0], [1.0, 0], [0, 1.0], [1, 1]])
-    net = Network()
-    a, e = net.variable("a", 2, (-3, 3)), net.variable("e", (), (0, 100))
-    net.add((norm(corners - a) - 1).within((-e, e)))
-    found = net.minimize(e)
-    assert found.hi == pytest.approx(1 - np.sqrt(0.5), rel=1e-6)
-    assert found.verdict is Verdict.PROVED
-
-
-def test_objective_alone_and_no_constraints() -> None:
-    net = Network()
-    x = net.variable("x", (), (-2, 2))
-    found = net.minimize(x)
-    assert (found.lo, found.hi, found.verdict) == (-2.0, -2.0, Verdict.PROVED)
-    net = Network()
-    x = net.variable("x", (), (0, 3))
-    net.add(x**2 >= 2)
-    found = net.minimize(x)
-    assert found.lo <= np.sqrt(2) <= found.hi
-    assert found.hi - found.lo < 1e-5

@@ -80,13 +80,6 @@ def test_it_ends_when_the_bracket_is_closed() -> None:
     assert trials[-1].hi - trials[-1].lo <= 1e-6
 
 
-def test_no_time_no_calls() -> None:
-    assert (
-        list(timeout(lambda *_: TimeoutOutcome(TimeoutAnswer.TIMEOUT), lo=0.0, hi=1.0, limits=Limits(seconds=-1.0)))
-        == []
-    )
-
-
 def test_its_infeasible_answers_carry_certificates(tmp_path: Path) -> None:
     cpcal.save_campaign(cpcal.simulate(seed=4, joint_error=3.0, factor=0.0, random_poses=14, extremal=False), tmp_path)
     campaign = cpcal.load_campaign(tmp_path)

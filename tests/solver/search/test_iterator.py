@@ -6,15 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from contractors import HC4, Newton
-from cpcal import Interval, Limits, Network
+from cpcal import Interval, Network
 from cpcal.solver.contract import Contraction, Then
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.search import ORDERS, Divide, EventKind, LargestFirst, Search, Smear, bisect
+from cpcal.solver.search import ORDERS, Divide, EventKind, LargestFirst, Search, Smear
 
 
 def ring() -> ConstraintNetwork:
@@ -107,35 +105,6 @@ def test_an_interrupted_node_stays_pending(where: str) -> None:
 # strategies -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("lo", "hi"), [(0.0, np.inf), (-np.inf, 3.0), (-np.inf, np.inf), (1e3, np.inf)])
-def test_unbounded_components_are_cut_near_zero(lo: float, hi: float) -> None:
-    left, right = bisect(Box(("x",), [lo], [hi]), 0)
-    assert left.hi[0] == right.lo[0]
-    assert abs(left.hi[0]) <= max(1.0, 2.0 * min(abs(lo), abs(hi)))
-
-
-BOUND = st.sampled_from([-np.inf, -1e300, -1.0, 0.0, 5e-324, 1.0, 1.0 + 2**-52, 1e300, np.inf])
-
-
-@settings(max_examples=60, deadline=None)
-@given(pairs=st.lists(st.tuples(BOUND, BOUND).filter(lambda p: p[0] != p[1]), min_size=1, max_size=4))
-def test_pieces_cover_the_box_and_are_smaller(pairs: list[tuple[float, float]]) -> None:
-    lo, hi = np.array([min(p) for p in pairs]), np.array([max(p) for p in pairs])
-    box = Box([f"x{k}" for k in range(len(pairs))], lo, hi)
-    for component in range(len(pairs)):
-        pieces = bisect(box, component)
-        if not pieces:
-            assert np.nextafter(lo[component], np.inf) == hi[component]
-            continue
-        left, right = pieces
-        assert left.hull(right) == box
-        assert left.hi[component] == right.lo[component]
-        assert left != box
-        assert right != box
-    pieces = LargestFirst().split(box)
-    assert not pieces or pieces[0].hull(pieces[1]) == box
-
-
 def test_largest_first_goes_by_scaled_width_skips_and_stops() -> None:
     box = Box.from_dict({"x": (0, 8), "y": (0, 3), "z": (0, 1)})
     assert LargestFirst().split(box)[0]["x"] == Interval(0, 4)
@@ -162,23 +131,6 @@ def test_smear_cuts_where_the_constraints_vary() -> None:
 
 
 # Network.solve ----------------------------------------------------------------------------------------------
-
-
-def two_roots() -> Network:
-    net = Network()
-    x, y = net.variable("x", (), (-10, 10)), net.variable("y", (), (-10, 10))
-    net.add([x**2 + y**2 == 25, x - y == 1])
-    return net
-
-
-def test_no_sentence_says_proved_while_a_box_is_undivided() -> None:
-    stops = [two_roots().solve(width=1e-9, contractors=("hc4", "lifted"), limits=Limits(nodes=n)) for n in (4, 8, 9)]
-    assert [paving.status.split(" undivided")[0] for paving in stops[:2]] == [
-        "Stopped with 3 boxes",
-        "Stopped with 1 box",
-    ]
-    assert [paving.complete for paving in stops] == [False, False, True]
-    assert "proved" in stops[2].status
 
 
 @pytest.mark.parametrize("order", [{}, {"priority": ORDERS["breadth"]}])

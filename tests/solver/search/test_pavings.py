@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from cpcal import Interval, Limits, Network, Verdict, norm, sqr
 from cpcal.solver.existence import UniquenessProver
 from cpcal.solver.interval import Box
-from cpcal.solver.network.rows import Rows
 from cpcal.solver.search import ORDERS, STRATEGIES, Paving, clusters, difference, volume
 
 
@@ -74,19 +73,6 @@ def test_a_solution_on_the_faces_of_boxes_is_one_solution() -> None:
         assert len(paving.solutions) == 1
         assert (0.0, 0.0) in proved(paving)[0]
         assert paving.status.startswith("1 box holds exactly one solution, and there are no others")
-
-
-@pytest.mark.parametrize("contractors", [("hc4",), ("hc4", "newton"), ("cid",), ("hc4", "lifted")])
-def test_whatever_contracts_the_solutions_are_the_same(contractors: tuple[str, ...]) -> None:
-    net = Network()
-    x = net.variable("x", 3, (-4, 4))
-    net.add([x[0] * x[1] + sqr(x[2]) == 2, x[1] * x[2] - sqr(x[0]) == -1, x[0] * x[2] + sqr(x[1]) * x[0] == 1])
-    paving = net.solve(width=1e-3, contractors=contractors)
-    assert paving.status == "4 boxes hold exactly one solution each, and there are no others: proved."
-    for box in proved(paving):
-        a, b, c = box.mid
-        assert np.abs([a * b + c**2 - 2, b * c - a**2 + 1, a * c + b**2 * a - 1]).max() < 1e-12
-    assert len(paving.clusters) == 4
 
 
 def test_inside_outside_and_single_solutions_cover_the_domain() -> None:
@@ -172,18 +158,6 @@ def test_every_strategy_and_order_gives_a_correct_paving(strategy: str, order: s
     assert not (outside & member).any()
     assert (inside | outside | boundary).all()
     assert inside.any()
-
-
-def test_derivatives_at_many_points_are_those_at_each() -> None:
-    net = Network()
-    x = net.variable("x", 3, (-2, 2))
-    reading = net.reading(1.0, 0.1)
-    net.add([norm(x) <= 3, x[0] * x[1] == sqr(x[2]), x[1] ** 3 + np.sin(x) <= 1])
-    exact = Rows(net)
-    net.add(x[0] * reading <= 2)
-    for rows in (exact, Rows(net)):
-        points = np.array([[0.0, 0.0, 0.0], [1.0, -0.5, 0.25], [2.0, 2.0, -1.0]])
-        assert np.array_equal(rows.jacobians(points), [rows.linearize(point).jacobian for point in points])
 
 
 # regions ----------------------------------------------------------------------------------------------------
