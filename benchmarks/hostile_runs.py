@@ -3,7 +3,7 @@
     python -m benchmarks.hostile_runs [NAME ...] [--work N]
 
 prints the seconds of processor time and the MB of each: do little else meanwhile. The checker says within 10 s and
-500 MB what it thinks of any of them; tests/checker/malformed sees to that with a tenth of the work.
+500 MB what it thinks of any of them; tests/checker/malformed sees to that with a twentieth of the work.
 """
 
 import argparse

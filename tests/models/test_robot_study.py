@@ -16,11 +16,11 @@ from cpcal.solver.interval import Box
 
 @pytest.fixture(scope="module")
 def case():
-    """Six configurations, with half-widths that hold what the drawing is off; and the truth."""
+    """Five configurations, with half-widths that hold what the drawing is off; and the truth."""
     robot_study = simulate_study(runs=1, random_poses=1, deviation=0.1, seed=2)
     truth, table = robot_study.truth, robot_study.calibration
     whole = study_of_robot(robot_study)
-    study = whole.part(np.linspace(0, len(whole.images) - 1, 6).astype(int))
+    study = whole.part(np.linspace(0, len(whole.images) - 1, 5).astype(int))
     true = truth.mobile_in_base(table)
     rows = [name.replace("/", "-") for name in table.row_ids]
     chosen = [rows.index(name) for name in study.images]

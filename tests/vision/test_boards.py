@@ -159,12 +159,13 @@ def opencv_rms(image: Image, target: Target) -> tuple[Floats, float]:
 
 @pytest.mark.real_data
 @pytest.mark.skipif(not FOLDER.exists(), reason=f"the photographs of a circle grid are not at {FOLDER}")
-def test_eight_real_circle_grids_fit_better_than_opencvs_centres() -> None:
+@pytest.mark.parametrize("step", [3, pytest.param(1, marks=pytest.mark.nightly)])
+def test_eight_real_circle_grids_fit_better_than_opencvs_centres(step: int) -> None:
     """All are found, none is wrong; residuals are smaller in each, and two halves of the board tell the same pose
     (its middle, and its rotation) more nearly, along each axis."""
     target = target_from("acircles:7x11:10:8")  # the diameter is that of the images
     apart, middle = [], target.points.mean(axis=0)
-    for k in range(8):
+    for k in range(0, 8, step):
         image = opencv().imread(str(FOLDER / f"image{k}.png"), opencv().IMREAD_GRAYSCALE)
         found = measure_pose(image, target, ROBOT_CAMERA)
         centers, rms = opencv_rms(image, target)
@@ -181,6 +182,8 @@ def test_eight_real_circle_grids_fit_better_than_opencvs_centres() -> None:
             turn = quaternion_product(halves[0].quaternion, quaternion_conjugate(halves[1].quaternion))
             places = [half.rotation @ middle + half.position for half in halves]
             apart.append(np.concatenate([places[0] - places[1], rotation_vector(turn)]))
+    if step > 1:
+        return  # three images say little of halves
     ours, theirs = (np.sqrt(np.mean(np.square(apart[who::2]), axis=0)) for who in (0, 1))
     assert (ours < theirs).all()
     assert (ours < [0.005, 0.003, 0.1, 0.0006, 0.001, 0.0002]).all()  # mm, rad

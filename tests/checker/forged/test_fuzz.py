@@ -19,7 +19,7 @@ from cpcal.checker import Accepted, ExactCampaign, Refused, check
 from cpcal.files.folders import NAME
 from tests.checker.valid.exact_legs import in_fractions, parts
 
-TOTAL = int(os.environ.get("CPCAL_MUTATIONS", "2000"))
+TOTAL = int(os.environ.get("CPCAL_MUTATIONS", "1200"))
 SHARE = {
     "exact_proof": 0.15,
     "split_proof": 0.2,
