@@ -20,8 +20,7 @@ class HC4(Composable):
         self._tape = rows_tape(network)
 
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
-        left = self.contract_batch(box.array[None])
-        return narrowed("hc4", box, box.intersect(box.with_bounds(left.lo[0], left.hi[0])))
+        return narrowed("hc4", box, box.intersect(self.contract_batch(box.array[None])[0]))
 
     def contract_batch(self, boxes: IntervalArray, deadline: float = math.inf) -> IntervalArray:
         """Contract B boxes at once: shape (B, n) in and out, NaN where a box holds no solution."""

@@ -32,9 +32,7 @@ class Newton(Composable):
         self.unused_constraints = self._equalities.inequalities
 
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
-        left = self.contract_batch(box.array[None], deadline)
-        after = box.intersect(box.with_bounds(left.lo[0], left.hi[0]))
-        return narrowed("newton", box, after)
+        return narrowed("newton", box, box.intersect(self.contract_batch(box.array[None], deadline)[0]))
 
     def contract_batch(self, boxes: IntervalArray, deadline: float = math.inf) -> IntervalArray:
         """Contract B boxes at once: shape (B, n) in and out, NaN where a box holds no solution."""

@@ -41,7 +41,7 @@ class QInter(Composable):
         results = [contracted(part, box, deadline).box for part in self._parts]
         boxes = IntervalArray(np.stack([b.lo for b in results]), np.stack([b.hi for b in results]))
         hull = q_intersection(boxes, self._q)
-        after = Box.empty(box.names) if hull is None else box.intersect(box.with_bounds(hull.lo, hull.hi))
+        after = Box.empty(box.names) if hull is None else box.intersect(hull)
         return narrowed("qinter", box, after)
 
 

@@ -67,7 +67,7 @@ class Cid(Composable):
         some = ~left.empty.any(axis=1)
         if not some.any():
             return Box.empty(box.names)
-        return box.intersect(box.with_bounds(left.lo[some].min(axis=0), left.hi[some].max(axis=0)))
+        return box.intersect(IntervalArray(left.lo[some].min(axis=0), left.hi[some].max(axis=0)))
 
     def slices(self, box: Box, component: int, ends: Floats, deadline: float = math.inf) -> IntervalArray:
         """What `inner` leaves (B, n) of the parts of a box between B + 1 ends of one component; NaN where nothing is

@@ -105,7 +105,7 @@ def highest(x: IntervalArray) -> float:
 
 
 def reads(constraint: Constraint) -> bool:
-    return any("reading" in e.ops for e in (constraint.body, constraint.lower, constraint.upper))
+    return any("reading" in part.ops for part in constraint.parts)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -208,12 +208,10 @@ class UniquenessProver:
         """The part of a bounded box that the operator, then each row by itself leave; it holds all solutions."""
         if not self.applies or box.is_empty or not box.is_bounded:
             return box
-        left = self._narrowed(box.array)
-        tight = box.intersect(box.with_bounds(left.lo, left.hi))
+        tight = box.intersect(self._narrowed(box.array))
         if tight.is_empty:
             return tight
-        left = rows_tape(self._network).contract(tight.array[None])[0]
-        return tight.intersect(tight.with_bounds(left.lo, left.hi))
+        return tight.intersect(rows_tape(self._network).contract(tight.array[None])[0])
 
     def _narrowed(self, x: IntervalArray) -> IntervalArray:
         """N(X) again and again, as long as it halves some width; NaN where X holds no zero."""

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from cpcal.common.errors import ModelError
 from cpcal.common.values import Bools, Floats, fill
 from cpcal.solver.interval.numbers import (
+    HasBounds,
     Interval,
     IntervalArray,
     Number,
@@ -35,18 +36,16 @@ class Variable(Protocol):
     def shape(self) -> tuple[int, ...]: ...
 
 
-class Box:
+class Box(HasBounds):
     """A product of closed intervals with a name each. Bounds are float64, rounded outward where they come in.
 
     A box with one empty component has no point: it is *the* empty box of its names, all bounds NaN. Equality
-    and hash go by names and bounds. `lo` and `hi` are read-only arrays.
+    and hash go by names and bounds. `lo` and `hi` are read-only arrays; `mid` is a point of the box near its middle.
     """
 
     __slots__ = ("hi", "lo", "names")
 
     names: tuple[str, ...]
-    lo: Floats
-    hi: Floats
 
     def __init__(self, names: Sequence[str], lo: npt.ArrayLike, hi: npt.ArrayLike) -> None:
         """NaN in both bounds is an empty component. ModelError for lo > hi, bad or repeated names, bad shapes."""
@@ -146,21 +145,6 @@ class Box:
         return IntervalArray(self.lo, self.hi)
 
     @property
-    def mid(self) -> Floats:
-        """A point of the box near its middle; NaN if empty."""
-        return self.array.mid
-
-    @property
-    def rad(self) -> Floats:
-        """Upper bounds of the distances from `mid` to the faces; NaN if empty."""
-        return self.array.rad
-
-    @property
-    def width(self) -> Floats:
-        """Upper bounds of `hi - lo`; NaN if empty."""
-        return self.array.width
-
-    @property
     def is_empty(self) -> bool:
         return len(self.lo) > 0 and math.isnan(self.lo[0])
 
@@ -226,9 +210,10 @@ class Box:
         if self.names != other.names:
             raise ModelError(f"boxes of different variables: {list(self.names)} and {list(other.names)}")
 
-    def intersect(self, other: Box) -> Box:
-        """The points in both; `&` for short."""
-        self._same_names(other)
+    def intersect(self, other: Box | IntervalArray) -> Box:
+        """The points in both, `&` for short; or those within other bounds (n,), none where some are NaN."""
+        if not isinstance(other, IntervalArray):
+            self._same_names(other)
         return Box._raw(self.names, np.maximum(self.lo, other.lo), np.minimum(self.hi, other.hi))
 
     def hull(self, other: Box) -> Box:

@@ -145,8 +145,56 @@ def _operation(code: int, reflected: bool = False) -> Callable[..., IntervalArra
     return operate
 
 
+class HasBounds:
+    """What follows from arrays of lower and upper bounds, element by element."""
+
+    __slots__ = ()
+
+    lo: Floats
+    hi: Floats
+
+    @property
+    def mid(self) -> Floats:
+        """A finite float64 in each interval, near its middle (NaN where empty)."""
+        if self.lo is self.hi and np.isfinite(self.lo).all():
+            return self.lo
+        if np.isfinite(self.lo).all() and np.isfinite(self.hi).all():
+            mid = np.asarray(0.5 * self.lo + 0.5 * self.hi)
+            np.maximum(mid, self.lo, out=mid)  # halves of subnormal numbers round
+            return np.asarray(np.minimum(mid, self.hi, out=mid))
+        lo_infinite, hi_infinite = np.isinf(self.lo), np.isinf(self.hi)
+        biggest = np.finfo(np.float64).max
+        with np.errstate(invalid="ignore"):
+            mid = 0.5 * self.lo + 0.5 * self.hi
+            mid = np.where(lo_infinite & hi_infinite, 0.0, mid)
+            mid = np.where(lo_infinite & ~hi_infinite, np.minimum(self.hi, -biggest), mid)
+            mid = np.where(hi_infinite & ~lo_infinite, np.maximum(self.lo, biggest), mid)
+            return np.clip(mid, self.lo, self.hi)
+
+    @property
+    def rad(self) -> Floats:
+        """An upper bound of the distance from `mid` to either end."""
+        mid = self.mid
+        with np.errstate(over="ignore"):
+            rad = np.maximum(self.hi - mid, mid - self.lo)
+            return np.asarray(np.where(rad == 0.0, 0.0, np.nextafter(rad, np.inf)))
+
+    @property
+    def mag(self) -> Floats:
+        """The largest absolute value in each interval."""
+        return np.maximum(np.abs(self.lo), np.abs(self.hi))
+
+    @property
+    def width(self) -> Floats:
+        """An upper bound of `hi - lo`, exact where one of them is zero."""
+        with np.errstate(all="ignore"):
+            width = self.hi - self.lo
+            exact = (self.lo == 0.0) | (self.hi == 0.0)
+            return np.asarray(np.where(exact, width, width + np.abs(width) * _PHI))
+
+
 @dataclass(frozen=True, eq=False)
-class IntervalArray:
+class IntervalArray(HasBounds):
     """Intervals `[lo, hi]`, elementwise. NaN in both bounds is the empty interval, and propagates.
 
     Bounds may be infinite; `lo` is never +inf and `hi` never -inf. Arithmetic broadcasts as in numpy and takes arrays
@@ -226,45 +274,6 @@ class IntervalArray:
     def empty(self) -> Bools:
         """Which elements are the empty interval."""
         return np.isnan(self.lo)
-
-    @property
-    def mid(self) -> Floats:
-        """A finite float64 in each interval, near its middle (NaN where empty)."""
-        if self.lo is self.hi and np.isfinite(self.lo).all():
-            return self.lo
-        if np.isfinite(self.lo).all() and np.isfinite(self.hi).all():
-            mid = np.asarray(0.5 * self.lo + 0.5 * self.hi)
-            np.maximum(mid, self.lo, out=mid)  # halves of subnormal numbers round
-            return np.asarray(np.minimum(mid, self.hi, out=mid))
-        lo_infinite, hi_infinite = np.isinf(self.lo), np.isinf(self.hi)
-        biggest = np.finfo(np.float64).max
-        with np.errstate(invalid="ignore"):
-            mid = 0.5 * self.lo + 0.5 * self.hi
-            mid = np.where(lo_infinite & hi_infinite, 0.0, mid)
-            mid = np.where(lo_infinite & ~hi_infinite, np.minimum(self.hi, -biggest), mid)
-            mid = np.where(hi_infinite & ~lo_infinite, np.maximum(self.lo, biggest), mid)
-            return np.clip(mid, self.lo, self.hi)
-
-    @property
-    def rad(self) -> Floats:
-        """An upper bound of the distance from `mid` to either end."""
-        mid = self.mid
-        with np.errstate(over="ignore"):
-            rad = np.maximum(self.hi - mid, mid - self.lo)
-            return np.asarray(np.where(rad == 0.0, 0.0, np.nextafter(rad, np.inf)))
-
-    @property
-    def mag(self) -> Floats:
-        """The largest absolute value in each interval."""
-        return np.maximum(np.abs(self.lo), np.abs(self.hi))
-
-    @property
-    def width(self) -> Floats:
-        """An upper bound of `hi - lo`, exact where one of them is zero."""
-        with np.errstate(all="ignore"):
-            width = self.hi - self.lo
-            exact = (self.lo == 0.0) | (self.hi == 0.0)
-            return np.asarray(np.where(exact, width, width + np.abs(width) * _PHI))
 
     def intersect(self, other: IntervalArray) -> IntervalArray:
         """Elementwise intersection (broadcasts); disjoint intervals give the empty one."""

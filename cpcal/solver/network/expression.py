@@ -13,7 +13,7 @@ import reprlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from functools import reduce
+from functools import partial, reduce
 from typing import Any, NoReturn, TypeVar, Union
 
 import numpy as np
@@ -91,6 +91,7 @@ Shape = tuple[int, ...]
 
 SELECTS = 1  # parameter of a "mul" by zeros and ones: 0 wherever the factor is 0, also where the other is not defined
 _LEVELS = 64  # levels of a deep expression that pickle may follow by recursion
+_LARGEST_POWER = 2**31  # of a whole exponent
 
 
 def _named(op: str, meaning: str = "") -> Callable[[Operand], Expr]:
@@ -103,9 +104,62 @@ def _named(op: str, meaning: str = "") -> Callable[[Operand], Expr]:
     return function
 
 
-def _both_ways(op: str) -> tuple[Callable[[Expr, Operand], Expr], Callable[[Expr, Operand], Expr]]:
+def _both_ways(
+    operation: Callable[[Operand, Operand], Expr],
+) -> tuple[Callable[[Expr, Operand], Expr], Callable[[Expr, Operand], Expr]]:
     """An operator and the reflected one, which has an expression on its right."""
-    return lambda x, y: binary(op, x, y), lambda y, x: binary(op, x, y)
+    return lambda x, y: operation(x, y), lambda y, x: operation(x, y)
+
+
+def binary(op: str, left: Operand, right: Operand) -> Expr:
+    x, y = as_expr(left), as_expr(right)
+    try:
+        shape = np.broadcast_shapes(x.shape, y.shape)
+    except ValueError:
+        raise ModelError(f"shapes {x.shape} and {y.shape} do not broadcast in {op!r}") from None
+    return Expr(op, (x, y), shape)
+
+
+def _matmul(one: Operand, two: Operand) -> Expr:
+    """Matrix product of stacks of matrices and vectors, written as products and sums."""
+    x, y = as_expr(one), as_expr(two)
+    if x.ndim == 0 or y.ndim == 0 or x.shape[-1] != y.shape[-2 if y.ndim > 1 else 0]:
+        raise ModelError(f"shapes {x.shape} and {y.shape} do not fit a matrix product")
+    if y.ndim == 1:
+        return (x * y).sum(-1)
+    if x.ndim == 1:
+        return (x[:, None] * y).sum(-2)
+    return (x[..., :, :, None] * y[..., None, :, :]).sum(-2)
+
+
+def power(x: Operand, exponent: Operand) -> Expr:
+    """`x ** exponent`: products for a whole number, a root for 0.5, else exp(exponent log(x)), where x > 0."""
+    base = as_expr(x)
+    try:
+        other = as_expr(exponent)
+    except ModelError as error:
+        raise ModelError(f"{exponent!r} is no exponent: {error}") from None
+    if "variable" in other.ops:
+        return exp(other * log(base))
+    lo, hi = other.data.lo.ravel(), other.data.hi.ravel()
+    if lo.size != 1 or (lo[0] != hi[0] and math.ceil(lo[0]) <= math.floor(hi[0])):
+        raise ModelError(
+            f"{exponent!r} may be a whole power of a negative number, but it is no known number: write that, "
+            f"or exp(exponent * log(base)), which is defined where the base is positive"
+        )
+    value = float(lo[0])
+    if abs(value) >= _LARGEST_POWER:
+        raise ModelError(f"{exponent!r} is no exponent: whole ones are less than 2^31")
+    if value == 0.5 == hi[0]:
+        return sqrt(base)
+    if value != int(value) or value != hi[0]:
+        return exp(other * log(base))
+    return sqr(base) if value == 2.0 else Expr("power", (base,), base.shape, parameter=int(value))
+
+
+def _compared(lower: float, upper: float) -> Callable[[Expr, Operand], Constraint]:
+    """A comparison: the difference of both sides lies between two numbers."""
+    return lambda x, y: (x - y).within((lower, upper))
 
 
 def _refused(why: str) -> Callable[..., NoReturn]:
@@ -192,22 +246,12 @@ class Expr:
     # arithmetic -----------------------------------------------------------------------------------
 
     __neg__, __abs__ = _named("neg"), _named("abs")
-    __add__, __radd__ = _both_ways("add")
-    __sub__, __rsub__ = _both_ways("sub")
-    __mul__, __rmul__ = _both_ways("mul")
-    __truediv__, __rtruediv__ = _both_ways("div")
-
-    def __pow__(self, exponent: Operand) -> Expr:
-        return power(self, exponent)
-
-    def __rpow__(self, base: Operand) -> Expr:
-        return power(base, self)
-
-    def __matmul__(self, other: Operand) -> Expr:
-        return _matmul(self, as_expr(other))
-
-    def __rmatmul__(self, other: Operand) -> Expr:
-        return _matmul(as_expr(other), self)
+    __add__, __radd__ = _both_ways(partial(binary, "add"))
+    __sub__, __rsub__ = _both_ways(partial(binary, "sub"))
+    __mul__, __rmul__ = _both_ways(partial(binary, "mul"))
+    __truediv__, __rtruediv__ = _both_ways(partial(binary, "div"))
+    __pow__, __rpow__ = _both_ways(power)
+    __matmul__, __rmatmul__ = _both_ways(_matmul)
 
     def sum(self, axis: int | None = None) -> Expr:
         """Sum along one axis, which disappears; of all elements without one, as in numpy."""
@@ -279,15 +323,8 @@ class Expr:
         lower, upper = pair(bounds, "within()")
         return Constraint(self, *(bound if isinstance(bound, Expr) else _constant(bound) for bound in (lower, upper)))
 
-    def __eq__(self, other: Operand) -> Constraint:  # type: ignore[override]
-        return (self - other).within((0.0, 0.0))
-
-    def __le__(self, other: Operand) -> Constraint:
-        return (self - other).within((-np.inf, 0.0))
-
-    def __ge__(self, other: Operand) -> Constraint:
-        return (self - other).within((0.0, np.inf))
-
+    __eq__ = _compared(0.0, 0.0)  # type: ignore[assignment]
+    __le__, __ge__ = _compared(-np.inf, 0.0), _compared(0.0, np.inf)
     __ne__ = _refused("`!=` is no constraint here: the set would not be closed")
     __lt__ = __gt__ = _refused("`<` and `>` are no constraints here, the set would not be closed: write `<=` or `>=`")
     __bool__ = _refused("an expression has no truth value; build a constraint and add it to a network")
@@ -383,26 +420,6 @@ def _constant(value: Operand) -> Expr:
     return Expr("constant", shape=values.shape, data=values)
 
 
-def binary(op: str, left: Operand, right: Operand) -> Expr:
-    x, y = as_expr(left), as_expr(right)
-    try:
-        shape = np.broadcast_shapes(x.shape, y.shape)
-    except ValueError:
-        raise ModelError(f"shapes {x.shape} and {y.shape} do not broadcast in {op!r}") from None
-    return Expr(op, (x, y), shape)
-
-
-def _matmul(x: Expr, y: Expr) -> Expr:
-    """Matrix product of stacks of matrices and vectors, written as products and sums."""
-    if x.ndim == 0 or y.ndim == 0 or x.shape[-1] != y.shape[-2 if y.ndim > 1 else 0]:
-        raise ModelError(f"shapes {x.shape} and {y.shape} do not fit a matrix product")
-    if y.ndim == 1:
-        return (x * y).sum(-1)
-    if x.ndim == 1:
-        return (x[:, None] * y).sum(-2)
-    return (x[..., :, :, None] * y[..., None, :, :]).sum(-2)
-
-
 # ------------------------------------------------------------------------------------------------------------------
 # Expressions, constraints and networks as mathematics: `sqrt(x[0]^2 + x[1]^2) - 5 = 0`.
 
@@ -442,9 +459,6 @@ def _written(node: Expr, args: list[tuple[str, int]]) -> tuple[str, int]:
 
 # ------------------------------------------------------------------------------------------------------------------
 # Elementary functions of expressions, element by element.
-
-_LARGEST = 2**31  # of a whole exponent
-
 
 sqr = _named("sqr", "Square (tighter than `x * x` over intervals).")
 sqrt = _named("sqrt", "Square root, defined where the argument is not negative.")
@@ -516,31 +530,6 @@ def atan2(y: Operand, x: Operand) -> Expr:
 def hypot(x: Operand, y: Operand) -> Expr:
     """Length of the vector (x, y)."""
     return sqrt(sqr(x) + sqr(y))
-
-
-def power(x: Operand, exponent: Operand) -> Expr:
-    """`x ** exponent`: products for a whole number, a root for 0.5, else exp(exponent log(x)), where x > 0."""
-    base = as_expr(x)
-    try:
-        other = as_expr(exponent)
-    except ModelError as error:
-        raise ModelError(f"{exponent!r} is no exponent: {error}") from None
-    if "variable" in other.ops:
-        return exp(other * log(base))
-    lo, hi = other.data.lo.ravel(), other.data.hi.ravel()
-    if lo.size != 1 or (lo[0] != hi[0] and math.ceil(lo[0]) <= math.floor(hi[0])):
-        raise ModelError(
-            f"{exponent!r} may be a whole power of a negative number, but it is no known number: write that, "
-            f"or exp(exponent * log(base)), which is defined where the base is positive"
-        )
-    value = float(lo[0])
-    if abs(value) >= _LARGEST:
-        raise ModelError(f"{exponent!r} is no exponent: whole ones are less than 2^31")
-    if value == 0.5 == hi[0]:
-        return sqrt(base)
-    if value != int(value) or value != hi[0]:
-        return exp(other * log(base))
-    return sqr(base) if value == 2.0 else Expr("power", (base,), base.shape, parameter=int(value))
 
 
 # ------------------------------------------------------------------------------------------------------------------
