@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -27,7 +27,6 @@ from cpcal.solver.execution.executors import (
     LostWorkerError,
     Place,
     Processes,
-    TaskOutcome,
     executor_for,
     linear_algebra_on_one_thread,
     outcomes,
@@ -176,8 +175,8 @@ def answered(question: Question, place: Place = HERE) -> Result:
     there = replace(question, progress=question.progress if here else None, checkpoints=kept if near else None)
     interrupted = False
     try:
-        for outcome in outcomes(executor, most, partial(_aside, there), left):
-            answer = _value(outcome, resumable=kept is not None)
+        for number, future in outcomes(executor, most, partial(_aside, there), left):
+            answer = _value(number, future, resumable=kept is not None)
             leg = with_certificates(question, answer.files, answer.leg)
             done[leg.leg] = leg
             interrupted = interrupted or answer.stopped
@@ -214,15 +213,15 @@ def _aside(question: Question, leg: int) -> AnsweredLeg:
         return AnsweredLeg(found, stopped, {path.name: path.read_bytes() for path in sorted(folder.iterdir())})
 
 
-def _value(outcome: TaskOutcome[int, AnsweredLeg], *, resumable: bool) -> AnsweredLeg:
-    error = outcome.error
+def _value(number: int, future: Future[AnsweredLeg], *, resumable: bool) -> AnsweredLeg:
+    error = future.exception()
     if isinstance(error, PicklingError | AttributeError) and "pickle" in str(error).lower():
         remedy = "define it in a module that workers can import, or work here: leave out workers"
         raise unusable("model", f"cannot be sent to other processes ({error})", remedy)
     if isinstance(error, LostWorkerError):
         again = "go on with --resume, which keeps what is answered" if resumable else "run again"
-        raise LostWorkerError(f"leg {outcome.task}: {error}; {again}, perhaps with fewer workers")
-    return outcome.value
+        raise LostWorkerError(f"leg {number}: {error}; {again}, perhaps with fewer workers")
+    return future.result()
 
 
 def with_certificates(question: Question, files: Mapping[str, bytes], leg: LegResult) -> LegResult:

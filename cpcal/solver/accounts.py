@@ -66,7 +66,7 @@ class Trial:
     nodes: int
     programs: int
     seconds: float
-    checked: bool = False
+    checked: bool
 
 
 @dataclass(frozen=True)
@@ -118,8 +118,8 @@ class RowUse:
     """
 
     rows: int
-    unused: tuple[tuple[str, int], ...] = ()
-    by_none: int = 0
+    unused: tuple[tuple[str, int], ...]
+    by_none: int
 
     @property
     def sentence(self) -> str:

@@ -30,7 +30,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
-from functools import update_wrapper
+from functools import cache, update_wrapper
 from pathlib import Path
 from threading import RLock
 from types import FunctionType, ModuleType
@@ -45,7 +45,6 @@ _PAUSE = 0.05
 F = TypeVar("F", bound=Callable[..., Any])
 
 _stamps: dict[str, str] = {}  # of every module with compiled functions
-_said: set[str] = set()
 _compiling = 0  # kernels that this process has compiled
 _making = RLock()
 _deadline: ContextVar[float] = ContextVar("deadline", default=math.inf)
@@ -348,10 +347,9 @@ def _announced(name: str) -> Iterator[None]:
             _tell("\r\x1b[K", end="")
 
 
+@cache
 def _say_once(sentence: str) -> None:
-    if sentence not in _said:
-        _said.add(sentence)
-        warnings.warn(sentence, RuntimeWarning, stacklevel=4)
+    warnings.warn(sentence, RuntimeWarning, stacklevel=4)
 
 
 def _tell(sentence: str, end: str = "\n") -> None:

@@ -218,8 +218,9 @@ def elements(contractor: Contractor) -> tuple[Contractor, ...]:
     """What a composition applies in sequence, from the inside: weights are given by elements, not by compositions."""
     if isinstance(contractor, Repeat):
         return elements(contractor.inner)
-    parts = contractor.parts if isinstance(contractor, Then) else None
-    return (contractor,) if parts is None else tuple(e for part in parts for e in elements(part))
+    if not isinstance(contractor, Then):
+        return (contractor,)
+    return tuple(e for part in contractor.parts for e in elements(part))
 
 
 def followed(one: Contraction, two: Contraction) -> Contraction:

@@ -22,9 +22,9 @@ Row = tuple[int, int]  # constraint, element
 class LinearStatus(Enum):
     """What a linear engine says. No status is a proof: the multipliers decide."""
 
-    OPTIMAL = "optimal"
-    INFEASIBLE = "infeasible"
-    FAILED = "failed"
+    OPTIMAL = 0
+    INFEASIBLE = 1
+    FAILED = 2
 
 
 @dataclass(frozen=True)
@@ -202,19 +202,18 @@ def settle(v: Vertex) -> None:
 
 
 @compiled
-def refactored(v: Vertex) -> bool:
-    """Compute the inverse, point and slacks anew, by Gauss-Jordan elimination; False if the matrix is singular."""
-    n = v.point.size
-    work = np.zeros((n, 2 * n))
-    for k in range(n):
-        coefficients(v, v.tight[k], work[k, :n])
-        work[k, n + k] = 1.0
+def eliminated(work: Floats, least: float) -> bool:
+    """A matrix and the identity beside it (n, 2n) to the identity and the inverse, by Gauss-Jordan elimination.
+
+    False where the matrix is singular: no pivot is larger than `least`.
+    """
+    n = len(work)
     for k in range(n):
         best = k
         for i in range(k + 1, n):
             if abs(work[i, k]) > abs(work[best, k]):
                 best = i
-        if not abs(work[best, k]) > TOO_SMALL:
+        if not abs(work[best, k]) > least:
             return False
         if best != k:
             for j in range(2 * n):
@@ -227,6 +226,19 @@ def refactored(v: Vertex) -> bool:
             if i != k and factor != 0.0:
                 for j in range(k, 2 * n):
                     work[i, j] -= factor * work[k, j]
+    return True
+
+
+@compiled
+def refactored(v: Vertex) -> bool:
+    """Compute the inverse, point and slacks anew; False if the matrix is singular."""
+    n = v.point.size
+    work = np.zeros((n, 2 * n))
+    for k in range(n):
+        coefficients(v, v.tight[k], work[k, :n])
+        work[k, n + k] = 1.0
+    if not eliminated(work, TOO_SMALL):
+        return False
     v.inverse[:, :] = work[:, n:]
     v.counters[2] = 0
     settle(v)
@@ -320,7 +332,7 @@ def spread(k: int) -> float:
     return float(1.0 + value - np.floor(value))
 
 
-OPTIMAL, INFEASIBLE, FAILED = 0, 1, 2
+OPTIMAL, INFEASIBLE, FAILED = (status.value for status in LinearStatus)
 
 PERTURBATION = 1e-9  # of a right side, once to twice
 _FEASIBLE = 1e-10  # by which rows may be violated
@@ -720,8 +732,8 @@ class Dense:
                 if sizes[k] < 0:
                     continue
                 if status[k] != FAILED:
-                    meaning = LinearStatus.OPTIMAL if status[k] == OPTIMAL else LinearStatus.INFEASIBLE
-                    yield k, LinearSolution(meaning, points[k], rows[k, : sizes[k]], weights[k, : sizes[k]])
+                    said = LinearStatus(int(status[k]))
+                    yield k, LinearSolution(said, points[k], rows[k, : sizes[k]], weights[k, : sizes[k]])
                     continue
                 solution = self._by_highs(objectives[k])
                 if solution.status is LinearStatus.OPTIMAL:

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial, wraps
 from itertools import chain
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -587,7 +586,7 @@ class Network(ConstraintNetwork):
         of = {} if checkpoint is None else checkpoint_of(network, options)
         recorded = Recording(network_statement(stated, name, about), network.domain) if exact else nullcontext()
         with heard(), recorded as recording:
-            keeper = SearchKeeper(None if checkpoint is None else Path(checkpoint), of, recording, resume=resume)
+            keeper = SearchKeeper(checkpoint, of, recording, resume=resume)
             before = keeper.resumed()
             with linear_algebra_on_one_thread(), executor_for(workers, scheduler, executor, loads=_LOADS) as place:
                 left = limit

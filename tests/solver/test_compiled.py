@@ -53,7 +53,7 @@ def modules(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "upper.py").write_text(UPPER)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
-    monkeypatch.setattr(compiled, "_said", set())
+    compiled._say_once.cache_clear()
     monkeypatch.delenv("CPCAL_QUIET", raising=False)
     return tmp_path
 

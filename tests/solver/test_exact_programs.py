@@ -217,7 +217,7 @@ def digits(count: int) -> str:
         engine.load(case.matrix, case.rhs, case.lower, case.upper)
         for objective in case.objectives:
             found = engine.minimize(objective)
-            said += [found.status.value, *(v.hex() for v in [*found.point.tolist(), *found.multipliers.tolist()])]
+            said += [found.status.name, *(v.hex() for v in [*found.point.tolist(), *found.multipliers.tolist()])]
     return " ".join(said)
 
 

@@ -102,18 +102,18 @@ def stated_leg(
 
 
 def leg_sides(
-    problem: Problem, count: int, only: tuple[int, ...] | None = None, first: int = 0
+    problem: Problem, count: int, only: tuple[int, ...] | None, first: int = 0
 ) -> dict[tuple[int, int], tuple[str, Sequence[int]]]:
     """Where the rows of a leg's network of `count` measurements stand; its third constraint is of the leg's forms,
     from number `first` on.
 
     -(L + l + t + eps) <= 0, which no proof needs, is taken for the length row.
     """
-    numbers = range(count) if only is None else only
-    sides: dict[tuple[int, int], tuple[str, Sequence[int]]]
+    numbers: Sequence[int] = range(count) if only is None else only
+    forms: Sequence[int] = range(count + first, problem.count)
     places = {(0, 0): "length", (0, 1): "upper", (0, 2): "lower", (1, 0): "length"}
     sides = {place: (side, numbers) for place, side in places.items()}
-    return sides | {(2, part): (side, range(count + first, problem.count)) for part, side in enumerate(SIDES)}
+    return sides | {(2, part): (side, forms) for part, side in enumerate(SIDES)}
 
 
 def exact_box(box: Box) -> ExactBox:

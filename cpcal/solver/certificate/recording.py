@@ -243,7 +243,12 @@ class SearchKeeper(Checkpoint):
     """Keeps where one minimisation stands, and its recording; at the end too, if boxes are left then."""
 
     def __init__(
-        self, path: Path | None, of: Mapping[str, str], recording: Recording | None, *, resume: bool = False
+        self,
+        path: str | os.PathLike[str] | None,
+        of: Mapping[str, str],
+        recording: Recording | None,
+        *,
+        resume: bool,
     ) -> None:
         super().__init__(path, of, resume=resume)
         self._recording = recording

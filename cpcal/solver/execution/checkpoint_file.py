@@ -93,7 +93,7 @@ class Checkpoint:
     resume  begin where the file says, if there is one
     """
 
-    def __init__(self, path: str | os.PathLike[str] | None, of: Mapping[str, str], *, resume: bool = False) -> None:
+    def __init__(self, path: str | os.PathLike[str] | None, of: Mapping[str, str], *, resume: bool) -> None:
         self._path, self._of, self._resume = None if path is None else Path(path), of, resume
         self._next = time.monotonic() + _EVERY
         self._lines: Callable[[], Iterable[Line]] | None = None

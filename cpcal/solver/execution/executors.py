@@ -348,30 +348,15 @@ class LostWorkerError(CpcalError):
     """Who did a task is gone: it was killed, had no memory left, or cannot be reached."""
 
 
-@dataclass(frozen=True)
-class TaskOutcome(Generic[A, T]):
-    """What became of a task: its value, or the exception that it raised."""
-
-    task: A
-    future: Future[T]
-
-    @property
-    def value(self) -> T:
-        """Raises what the task raised."""
-        return self.future.result()
-
-    @property
-    def error(self) -> BaseException | None:
-        """What the task raised, or None."""
-        return self.future.exception()
-
-
-def outcomes(executor: Executor, most: int, work: Callable[[A], T], tasks: Iterable[A]) -> Iterator[TaskOutcome[A, T]]:
-    """`work(task)` for all tasks, `most` of them given out at a time, in the order in which they are done.
+def outcomes(
+    executor: Executor, most: int, work: Callable[[A], T], tasks: Iterable[A]
+) -> Iterator[tuple[A, Future[T]]]:
+    """`work(task)` for all tasks, `most` of them given out at a time, in the order in which they are done: each with
+    the future that has its value, or the exception that it raised.
 
     A task whose worker is killed, or whose scheduler begins anew, is begun again, three times at most, the last time
-    alone, in case memory is short; then its outcome is a LostWorkerError. When the process is asked to stop, no task is
-    begun any more; those at work in processes of ours are told, and what they answer within ten seconds still comes.
+    alone, in case memory is short; then its exception is a LostWorkerError. When the process is asked to stop, no task
+    is begun any more; those at work in processes of ours are told, and what they answer within ten seconds still comes.
     Raises LostWorkerError where nobody takes tasks any more.
     """
     pool, source = executor if isinstance(executor, Processes) else None, iter(tasks)
@@ -414,7 +399,7 @@ def outcomes(executor: Executor, most: int, work: Callable[[A], T], tasks: Itera
                 if lost:
                     future = Future()
                     future.set_exception(LostWorkerError(f"it was cancelled: {_GONE}" if cancelled else _KILLED))
-                yield TaskOutcome(task, future)
+                yield task, future
             if asked() and pool is None:  # what is at work elsewhere cannot be told: it is given up
                 return
             if asked() and pool is not None and stopped is None:
@@ -467,9 +452,10 @@ class Shared(Generic[V]):
         while len(found) < len(parts):
             left = [k for k in range(len(parts)) if k not in found]
             tasks = [_Part(work, self._digest, content, parts[k], more, k) for k in left]
-            for outcome in outcomes(executor, most, _done, tasks):
-                if outcome.value is not None:
-                    found[outcome.task.place] = outcome.value
+            for part, future in outcomes(executor, most, _done, tasks):
+                answer = future.result()
+                if answer is not None:
+                    found[part.place] = answer
             reason = asked()
             if reason is not None and len(found) < len(parts):
                 raise Stopped(reason)

@@ -27,6 +27,7 @@ from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.interval.kernels import Arrays, Bounds, add, at, factor, meet, mul, neg, sub
 from cpcal.solver.interval.operations import continuous
+from cpcal.solver.linear import eliminated
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Extremes
 from cpcal.solver.network.sweeps import Program, Reach, all_partials, forward, gradients
@@ -44,8 +45,8 @@ def inside(inner: IntervalArray, outer: IntervalArray, columns: Indices) -> bool
 class Equalities:
     """The constraints whose two bounds are one number, element by element: m equations in the n components of a box.
 
-    `rest` is the network of all others, `inequalities` their numbers. `reads` says whether an equation contains a
-    reading: then its zeros are no single points.
+    `rest` is the network of all others, `inequalities` their numbers. `rows` estimates F at points, without proof.
+    `reads` says whether an equation contains a reading: then its zeros are no single points.
     """
 
     def __init__(self, network: ConstraintNetwork) -> None:
@@ -53,8 +54,8 @@ class Equalities:
         self.rest.add([c for c in network.constraints if not c.is_equation])
         self.inequalities = {k for k, c in enumerate(network.constraints) if not c.is_equation}
         self.roots = tuple(c.body - c.lower for c in network.constraints if c.is_equation)  # each is to be 0
-        self._rows = Extremes(network, *self.roots)
-        self.tape = self._rows.tape
+        self.rows = Extremes(network, *self.roots)
+        self.tape = self.rows.tape
         self.count = self.tape.count
         self.reads = bool(self.tape.readings)
 
@@ -83,11 +84,6 @@ class Equalities:
         """The tape as the compiled functions take it."""
         leaves = self.tape.leaves()
         return self.tape.program, self.tape.reach, (leaves.lo, leaves.hi)
-
-    def estimate(self, point: Floats) -> tuple[Floats, Floats]:
-        """F (m,) and its Jacobian (m, n) at a point, without proof."""
-        rows = self._rows.linearize(point)
-        return rows.values, rows.jacobian
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -190,36 +186,17 @@ def square_part(jacobian: Floats, box: Floats, rows: Ints, columns: Ints) -> int
 
 @compiled
 def inverse_of_middle(jacobian: Floats, rows: Ints, columns: Ints, out: Floats) -> bool:
-    """An approximate inverse (s, s) of the midpoints, by Gauss-Jordan elimination; False where there is none."""
+    """An approximate inverse (s, s) of the midpoints, False where there is none."""
     s = len(out)
     work = np.zeros((s, 2 * s))
     for i in range(s):
         for j in range(s):
             work[i, j] = 0.5 * (jacobian[rows[i], columns[j], 0] + jacobian[rows[i], columns[j], 1])
         work[i, s + i] = 1.0
-    for k in range(s):
-        best = k
-        for i in range(k + 1, s):
-            if abs(work[i, k]) > abs(work[best, k]):
-                best = i
-        if not abs(work[best, k]) > 0.0:
-            return False
-        for j in range(2 * s):
-            work[k, j], work[best, j] = work[best, j], work[k, j]
-        pivot = work[k, k]
-        for j in range(2 * s):
-            work[k, j] /= pivot
-        for i in range(s):
-            share = work[i, k]
-            if i != k and share != 0.0:
-                for j in range(k, 2 * s):
-                    work[i, j] -= share * work[k, j]
-    for i in range(s):
-        for j in range(s):
-            out[i, j] = work[i, s + j]
-            if not math.isfinite(out[i, j]):
-                return False
-    return True
+    if not eliminated(work, 0.0):
+        return False
+    out[:, :] = work[:, s:]
+    return bool(np.isfinite(out).all())
 
 
 @compiled
@@ -290,12 +267,6 @@ def newton_image(
 
 
 @compiled
-def middle(lo: float, hi: float) -> float:
-    """A number of a bounded interval near its middle."""
-    return min(max(0.5 * lo + 0.5 * hi, lo), hi)
-
-
-@compiled
 def newton_all(equations: Equations, most: int, boxes: Floats) -> None:
     """The operator on B boxes (B, n, 2), in place, while it halves some width; NaN where a box holds no zero."""
     m, n = len(equations[0].roots), boxes.shape[1]
@@ -307,7 +278,7 @@ def newton_all(equations: Equations, most: int, boxes: Floats) -> None:
             continue
         for _ in range(most):
             for j in range(n):
-                center[j] = middle(box[j, 0], box[j, 1])
+                center[j] = min(max(0.5 * box[j, 0] + 0.5 * box[j, 1], box[j, 0]), box[j, 1])  # near the middle
             known = linearized(equations, box, center, value, jacobian)
             size = square_part(jacobian, box, rows, columns) if known else 0
             if size == 0:

@@ -226,7 +226,7 @@ class UniquenessProver:
         wide = bool((box.rad[columns] > 0.0).any())  # from a point the zero may be anywhere
         reach = 4.0 * box.rad + 1e-6 * np.abs(point) if wide else np.full(len(point), np.inf)
         for _ in range(_POLISH):
-            value, jacobian = self._equalities.estimate(point)
+            value, jacobian = self._equalities.rows.linearize(point)
             try:
                 step = np.linalg.solve(jacobian[:, columns], value)
             except np.linalg.LinAlgError:

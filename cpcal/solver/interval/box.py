@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from operator import le
@@ -55,9 +56,7 @@ class Box(HasBounds):
         repeated = [name for name, count in Counter(names).items() if count > 1]
         if repeated:
             raise ModelError(f"variables need different names; repeated: {', '.join(repeated)}")
-        lower, upper = _bounds(lo, 0), _bounds(hi, 1)
-        if lower.shape != (len(names),) or upper.shape != (len(names),):
-            raise ModelError(f"{len(names)} names, but bounds of shapes {lower.shape} and {upper.shape}")
+        lower, upper = _bounds(lo, hi, len(names))
         wrong = ~has_points(lower, upper) & ~(np.isnan(lower) & np.isnan(upper))
         if wrong.any():
             i = int(np.argmax(wrong))
@@ -98,7 +97,7 @@ class Box(HasBounds):
     def from_dict(cls, bounds: Mapping[str, Interval | Number | tuple[Number, Number]]) -> Box:
         """`Box.from_dict({"x": (0, 1), "y": Interval(2, 3), "z": 4})`."""
         intervals = [_interval(name, value) for name, value in bounds.items()]
-        return cls(tuple(bounds), np.array([i.lo for i in intervals]), np.array([i.hi for i in intervals]))
+        return cls(tuple(bounds), [i.lo for i in intervals], [i.hi for i in intervals])
 
     @classmethod
     def empty(cls, names: Sequence[str]) -> Box:
@@ -199,10 +198,7 @@ class Box(HasBounds):
 
     def with_bounds(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Box:
         """A box of the same names with these bounds; lo > hi or NaN anywhere gives the empty box."""
-        lower, upper = _bounds(lo, 0), _bounds(hi, 1)
-        if lower.shape != self.lo.shape or upper.shape != self.lo.shape:
-            raise ModelError(f"{len(self)} variables, but bounds of shapes {lower.shape} and {upper.shape}")
-        return Box._raw(self.names, lower, upper)
+        return Box._raw(self.names, *_bounds(lo, hi, len(self)))
 
     def _same_names(self, other: Box) -> None:
         if not isinstance(other, Box):
@@ -234,7 +230,7 @@ class Box(HasBounds):
             missing = [name for name in self.names if name not in point]
             if missing:
                 raise ModelError(f"the point gives no value for {', '.join(missing)}")
-            return not self.is_empty and all(point[name] in self[name] for name in self.names)
+            point = [point[name] for name in self.names]
         if isinstance(point, str) or len(point) != len(self):
             raise ModelError(f"{point!r} is no point of {len(self)} variables; for names use `in box.names`")
         return not self.is_empty and all(x in self[name] for name, x in zip(self.names, point, strict=True))
@@ -295,9 +291,10 @@ def _interval(name: str, value: Interval | Number | tuple[Number, Number]) -> In
         raise ModelError(f"{name}: {error}") from error
 
 
-def _bounds(values: npt.ArrayLike, side: int) -> Floats:
-    """The lower (side 0) or upper (side 1) float64 bounds of numbers, in an array of any owner."""
-    bounds = float_bounds(values)[side]
-    if bounds.ndim != 1:
-        raise ModelError(f"bounds come as a list or 1-D array, not {values!r}")
-    return bounds
+def _bounds(lo: npt.ArrayLike, hi: npt.ArrayLike, count: int) -> tuple[Floats, Floats]:
+    """The float64 bounds below some numbers and above others, in arrays of any owner."""
+    lower, upper = float_bounds(lo)[0], float_bounds(hi)[1]
+    if not lower.shape == upper.shape == (count,):
+        given = f"{lower.shape} and {upper.shape}, not {reprlib.repr(lo)} and {reprlib.repr(hi)}"
+        raise ModelError(f"{count} variables, but bounds of shapes {given}: give a list or 1-D array of each")
+    return lower, upper

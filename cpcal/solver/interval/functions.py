@@ -337,12 +337,6 @@ def of_sine(z: Bounds, x: Bounds) -> Bounds:
 
 
 @compiled
-def of_cosine(z: Bounds, x: Bounds) -> Bounds:
-    """cos x = sin(x + pi/2)"""
-    return sub(of_sine(z, add(x, PIO2)), PIO2)
-
-
-@compiled
 def of_tangent(z: Bounds, x: Bounds) -> Bounds:
     """Hull of the part of x whose tangent lies in z: m pi + atan(z)."""
     if far(x):

@@ -58,11 +58,10 @@ def float_bounds(values: object) -> tuple[Floats, Floats]:
     refused, as complex numbers and arrays with a meaning beyond their numbers (masks, units) are. Raises ModelError.
     An array of float64 comes back as it is, not copied.
     """
+    if type(values) is float:
+        values = np.asarray(values)
     if type(values) is np.ndarray and values.dtype == np.float64:
         return values, values
-    if type(values) is float:
-        array = np.asarray(values)
-        return array, array
     array = _as_array(values)
     if _fits(array):
         exact = array.astype(np.float64)
@@ -72,8 +71,8 @@ def float_bounds(values: object) -> tuple[Floats, Floats]:
             f"{reprlib.repr(values)} holds no real numbers ({array.dtype}): give ints, floats or fractions"
         )
     numbers = array.ravel().tolist()
-    lo, hi = (np.array([rounded(v) for v in numbers], np.float64) for rounded in (round_down, round_up))
-    lo, hi = lo.reshape(array.shape), hi.reshape(array.shape)
+    rounded = (np.array(list(map(side, numbers)), np.float64) for side in (round_down, round_up))
+    lo, hi = (bounds.reshape(array.shape) for bounds in rounded)
     return (lo, lo) if np.array_equal(lo, hi, equal_nan=True) else (lo, hi)
 
 

@@ -12,6 +12,7 @@ import math
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval.functions import (
     ANGLES,
+    PIO2,
     asin,
     atan,
     atan2,
@@ -19,7 +20,6 @@ from cpcal.solver.interval.functions import (
     exp,
     has_pole,
     log,
-    of_cosine,
     of_sine,
     of_tangent,
     sin,
@@ -178,7 +178,7 @@ def _of_function(code: int, z: Bounds, a: Bounds, b: Bounds) -> Bounds:
     if code == SIN:
         return of_sine(z, a)
     if code == COS:
-        return of_cosine(z, a)
+        return sub(of_sine(z, add(a, PIO2)), PIO2)  # cos x = sin(x + pi/2)
     if code == TAN:
         return of_tangent(z, a)
     if code == ASIN:

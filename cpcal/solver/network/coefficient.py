@@ -18,15 +18,10 @@ from cpcal.solver.interval import IntervalArray
 from cpcal.solver.interval.kernels import Arrays, add, at
 
 
-def _over(terms: int) -> float:
-    """What covers, as a share, the rounding of sums of so many terms of one sign and of what is made of them below."""
-    return float((2 * terms + 64) * np.finfo(np.float64).eps)
-
-
 def combined_terms(x: IntervalArray, y: IntervalArray, of_x: Indices, of_y: Indices, sign: float) -> IntervalArray:
     """Terms (T,) of x + sign y: those of x at `of_x` and of y at `of_y`, -1 for none."""
-    shape = x.shape[2:] if x.shape[2:] == y.shape[2:] else np.broadcast_shapes(x.shape[2:], y.shape[2:])
-    lo, hi = combined(_terms(x, shape), _terms(y, shape), of_x, of_y, sign, math.prod(shape))
+    one, two, shape = _alike(x, y)
+    lo, hi = combined(one, two, of_x, of_y, sign, math.prod(shape))
     return IntervalArray(lo, hi).reshape((*lo.shape[:2], *shape))
 
 
@@ -35,9 +30,15 @@ def term_products(x: IntervalArray, y: IntervalArray, pairs: Indices, size: int,
 
     `square`: x is y, and a pair of two different terms stands for both orders.
     """
-    shape = x.shape[2:] if x.shape[2:] == y.shape[2:] else np.broadcast_shapes(x.shape[2:], y.shape[2:])
-    lo, hi = products(_terms(x, shape), _terms(y, shape), pairs, size, math.prod(shape), square)
+    one, two, shape = _alike(x, y)
+    lo, hi = products(one, two, pairs, size, math.prod(shape), square)
     return IntervalArray(lo, hi).reshape((*lo.shape[:2], *shape))
+
+
+def _alike(x: IntervalArray, y: IntervalArray) -> tuple[Arrays, Arrays, tuple[int, ...]]:
+    """Both as `centred` takes them, and the shape that their elements have together."""
+    shape = x.shape[2:] if x.shape[2:] == y.shape[2:] else np.broadcast_shapes(x.shape[2:], y.shape[2:])
+    return _terms(x, shape), _terms(y, shape), shape
 
 
 def _shaped(c: IntervalArray, size: tuple[int, ...]) -> Arrays:
@@ -65,10 +66,8 @@ def reciprocal(x: IntervalArray) -> IntervalArray:
     value = 1.0 / m
     if x.shape[0] == 1:
         return value
-    h_max = x[1:].mag.sum(axis=0, keepdims=True) * (1.0 + _over(len(x.lo)))
-    square = IntervalArray(np.zeros_like(h_max), h_max).sqr()
-    whole, m2 = m + IntervalArray(-h_max, h_max), m.sqr()
-    value, slopes = value + square / (m2 * whole), -(x[1:] / m2)
+    h, m2 = _moves(x), m.sqr()
+    value, slopes = value + h.sqr() / (m2 * (m + h)), -(x[1:] / m2)
     return IntervalArray(np.concatenate([value.lo, slopes.lo]), np.concatenate([value.hi, slopes.hi]))
 
 
@@ -76,8 +75,14 @@ def total(x: IntervalArray) -> IntervalArray:
     """The whole range over the reading sets, shape (1, *S)."""
     if x.shape[0] == 1:
         return x
-    spread = x[1:].mag.sum(axis=0, keepdims=True) * (1.0 + _over(len(x.lo)))
-    return x[:1] + IntervalArray(-spread, spread)
+    return x[:1] + _moves(x)
+
+
+def _moves(x: IntervalArray) -> IntervalArray:
+    """What all readings together add, (1, *S); a share covers the rounding of it, and of what is made of it."""
+    share = (2 * len(x.lo) + 64) * np.finfo(np.float64).eps
+    bound = x[1:].mag.sum(axis=0, keepdims=True) * (1.0 + share)
+    return IntervalArray(-bound, bound)
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -211,7 +211,7 @@ class _Ratio:
             return args[0][0] * args[1][0], args[0][1] + args[1][1]
         if node.op == "div":
             (top, below), (divisor, above) = args
-            top = _times(top, above.elements())
+            top = reduce(operator.mul, above.elements(), top)
             return (top / divisor, below) if divisor.is_constant else (top, below + self._factors(divisor))
         if node.op == "sqr":
             return args[0][0] * args[0][0], args[0][1] + args[0][1]
@@ -222,8 +222,8 @@ class _Ratio:
 
     def _added(self, op: str, one: tuple[Expr, Divisors], two: tuple[Expr, Divisors]) -> tuple[Expr, Divisors]:
         common = one[1] | two[1]  # the larger count of each
-        left = _times(one[0], (common - one[1]).elements())
-        right = _times(two[0], (common - two[1]).elements())
+        left = reduce(operator.mul, (common - one[1]).elements(), one[0])
+        right = reduce(operator.mul, (common - two[1]).elements(), two[0])
         return (left + right if op == "add" else left - right), common
 
     def _factors(self, divisor: Expr) -> Divisors:
@@ -235,9 +235,3 @@ class _Ratio:
             count = 2 if divisor.op == "sqr" else divisor.parameter
             return Counter({k: count * n for k, n in self._factors(divisor.args[0]).items()})
         return Counter({self._same.setdefault(divisor.digest, divisor): 1})
-
-
-def _times(expr: Expr, factors: Iterable[Expr]) -> Expr:
-    for factor in factors:
-        expr = expr * factor
-    return expr

@@ -152,19 +152,16 @@ class ConstraintNetwork:
     @property
     def domain(self) -> Box:
         """The box of all variables' domains."""
-        lows = [np.zeros(0)] + [box.lo for box in self._domains.values()]
-        highs = [np.zeros(0)] + [box.hi for box in self._domains.values()]
+        lows, highs = ([np.zeros(0)] + [getattr(box, side) for box in self._domains.values()] for side in ("lo", "hi"))
         return Box(self.names, np.concatenate(lows), np.concatenate(highs))
 
     def component(self, expr: Expr) -> str:
         """The name in a box of a variable, or of one element of it. Raises ModelError for others."""
-        if not isinstance(expr, Expr):
-            raise ModelError(f"{expr!r} is not a scalar variable of this network")
-        leaf = expr.args[0] if expr.op == "index" else expr
-        if expr.shape == () and leaf.op == "variable":
-            self.check_owner(leaf)
-            position = int(expr.places) if expr.op == "index" else 0
-            return component_names(leaf)[position]
+        if isinstance(expr, Expr) and expr.shape == ():
+            leaf, position = (expr.args[0], int(expr.places)) if expr.op == "index" else (expr, 0)
+            if leaf.op == "variable":
+                self.check_owner(leaf)
+                return component_names(leaf)[position]
         raise ModelError(f"{expr!r} is not a scalar variable of this network")
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,8 +19,7 @@ from cpcal.solver.network.tape import ReadingSets, Tape
 _GOLDEN = 0.6180339887498949  # multiples of it, without their whole parts, are spread evenly
 
 
-@dataclass(frozen=True)
-class RowValues:
+class RowValues(NamedTuple):
     """At one point: row values (K,) and Jacobian (K, n), at the readings that make each row smallest, or largest."""
 
     values: Floats
@@ -59,20 +58,15 @@ class Extremes:
         """All slots (1, M) at a point (n,), the readings where they make the elements smallest, or largest."""
         return self.tape.near(point[None], self.at(point)[self._asked] if self.tape.readings else None)
 
-    def smallest(self, point: Floats) -> Floats:
-        """All elements (K,) at a point (n,), each where its readings make it smallest, or largest."""
-        return np.asarray(self.slots(point)[0, self.tape.program.roots])
-
     def linearize(self, point: Floats) -> RowValues:
-        """The same with derivatives."""
+        """All elements at a point (n,), each where its readings make it smallest, or largest."""
         slots = self.slots(point)
         return RowValues(slots[0, self.tape.program.roots], self.tape.near_jacobians(slots)[0])
 
     def jacobians(self, points: Floats) -> Floats:
         """Derivatives (B, K, n) at points (B, n), each as `linearize` has it."""
         each = [self.slots(point) for point in points] if self.tape.readings else [self.tape.near(points)]
-        slots = np.concatenate(each)
-        return self.tape.near_jacobians(slots)
+        return self.tape.near_jacobians(np.concatenate(each))
 
     def second_order(self, point: Floats) -> float:
         """How far some element is from linear in the readings across their sets: a second difference."""
@@ -152,7 +146,8 @@ class Rows:
 
     def _smallest(self, point: Floats) -> Floats:
         with np.errstate(all="ignore"):
-            return np.concatenate([np.zeros(0), *(part.smallest(point) for part in self._parts)])
+            own = (part.slots(point)[0, part.tape.program.roots] for part in self._parts)
+            return np.concatenate([np.zeros(0), *own])
 
     def _each(self, chosen: Callable[[slice], Indices]) -> list[Indices]:
         """Of each constraint the elements of the leading axis that are chosen of some row of it."""
@@ -198,10 +193,6 @@ class DecisiveReadings:
     def __init__(self, network: ConstraintNetwork) -> None:
         self.tape = rows_tape(network)
         self._data = {leaf.digest: leaf.data for leaf in self.tape.readings}
-
-    @property
-    def any(self) -> bool:
-        return bool(self.tape.readings)
 
     def on(self, box: Box, least: float = 0.0) -> list[ReadingSets]:
         """One collection of reading sets per row; components that decide at an end are single points.

@@ -186,16 +186,10 @@ class _Writer:
         nodes = topological(roots)
         self.slots: dict[bytes, Places] = {}
         self._next = 0
-        for leaf in network.variables:
-            self._place(leaf)
         constants = [node for node in nodes if node.op == "constant"]
         self.readings = tuple(node for node in nodes if node.op == "reading")
-        for leaf in constants:
-            self._place(leaf)
-        self.given = self._next
-        for leaf in self.readings:
-            self._place(leaf)
-        self.first = self._next
+        self.given = self._placed((*network.variables, *constants))
+        self.first = self._placed(self.readings)
         data = [leaf.data for leaf in (*constants, *self.readings)]
         bounds = ([values.lo for values in data], [values.hi for values in data])
         self.leaves = IntervalArray(*(np.concatenate([np.zeros(0), *map(np.ravel, side)]) for side in bounds))
@@ -210,10 +204,12 @@ class _Writer:
         rows = np.concatenate(self._blocks)
         return rows[:, 0].copy(), rows[:, 1:3].copy(), rows[:, 3].copy()
 
-    def _place(self, leaf: Expr) -> None:
-        size = math.prod(leaf.shape)
-        self.slots[leaf.digest] = np.arange(self._next, self._next + size, dtype=np.int32).reshape(leaf.shape)
-        self._next += size
+    def _placed(self, leaves: Iterable[Expr]) -> int:
+        """Slots for the elements of some leaves; the slot after them."""
+        for leaf in leaves:
+            start, self._next = self._next, self._next + math.prod(leaf.shape)
+            self.slots[leaf.digest] = np.arange(start, self._next, dtype=np.int32).reshape(leaf.shape)
+        return self._next
 
     def _written(self, node: Expr, args: list[Places]) -> Places:
         if node.op == "index":

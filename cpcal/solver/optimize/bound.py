@@ -63,7 +63,7 @@ class Bounding:
         contracting: Contracting,
         strategy: Strategy,
         enclose: bool,
-        place: Place | None = None,
+        place: Place | None,
     ) -> None:
         self._incumbent, self._contracting, self._strategy, self._enclose = incumbent, contracting, strategy, enclose
         self._elsewhere: Shared[Bounding] | None = None  # and none in what travels
@@ -86,7 +86,7 @@ class Bounding:
         elif self._elsewhere is None:
             made = self.decided(nodes, before)
         else:
-            made = self._elsewhere.in_parts(_decided, nodes, before)
+            made = self._elsewhere.in_parts(Bounding.decided, nodes, before)
         for _, state in made:
             self._incumbent.learn(state, before)
         return [decision for decision, _ in made]
@@ -108,7 +108,7 @@ class Bounding:
                 below = self._decision(Node(pieces[k].box, depth, -1, pieces[k].state), known)
                 pieces[k] = replace(pieces[k], decided=below)
                 made = replace(made, pieces=tuple(pieces))
-            decisions.append((made, known.state))
+            decisions.append((light(made), known.state))
         return decisions
 
     def _decision(self, node: Node, known: Incumbent) -> Decision:
@@ -169,10 +169,6 @@ class Bounding:
             Piece(piece, replace(branch, found=branch.found.intersect(piece), fresh=k == 0))
             for k, piece in enumerate(cuts)
         )
-
-
-def _decided(bounding: Bounding, nodes: Sequence[Node], before: Known) -> list[tuple[Decision, Known]]:
-    return [(light(decision), known) for decision, known in bounding.decided(nodes, before)]
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -546,30 +542,25 @@ def hitting_set(family: Sequence[Collection[int]], most: int) -> frozenset[int] 
 
     Exact: a set that is not met must lose one of its members, and all are tried, those of many sets first.
     """
-    left = [frozenset(one) for one in family]
-    return _hit(left, most)
-
-
-def _hit(left: list[frozenset[int]], most: int) -> frozenset[int] | None:
-    if not left:
+    if not family:
         return frozenset()
-    if most == 0 or _apart(left) > most:
+    if most == 0 or _apart(family) > most:
         return None
-    smallest = min(left, key=len)
-    counts = Counter(k for one in left for k in one)
+    smallest = min(family, key=len)
+    counts = Counter(k for one in family for k in one)
     for k in sorted(smallest, key=lambda k: (-counts[k], k)):
-        found = _hit([one for one in left if k not in one], most - 1)
+        found = hitting_set([one for one in family if k not in one], most - 1)
         if found is not None:
             return found | {k}
     return None
 
 
-def _apart(family: list[frozenset[int]]) -> int:
+def _apart(family: Sequence[Collection[int]]) -> int:
     """How many sets of the family have no common member, chosen greedily: so many numbers are needed at least."""
     taken: set[int] = set()
     count = 0
     for one in sorted(family, key=len):
         if taken.isdisjoint(one):
-            taken |= one
+            taken.update(one)
             count += 1
     return count

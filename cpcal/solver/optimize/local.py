@@ -57,19 +57,17 @@ class _Problem:
 
     def state(self, point: Floats) -> _State:
         point = np.where(self.free, np.clip(point, self._box.lo, self._box.hi), point)
-        rows = self._rows.linearize(point)
-        excess = rows.values
-        slope = rows.jacobian[:, self.objective]
+        excess, jacobian = self._rows.linearize(point)
+        slope = jacobian[:, self.objective]
         mended = slope < -1e-12
         move = float(np.max(excess[mended] / -slope[mended], initial=-np.inf))
         if np.isfinite(move):
             point = point.copy()
             point[self.objective] += move
-            rows = RowValues(rows.values + slope * move, rows.jacobian)
-            excess = rows.values
+            excess = excess + slope * move
         worst = float(np.max(excess[~mended], initial=0.0))
         merit = float(point[self.objective]) + _PENALTY * max(worst, 0.0)
-        return _State(point, rows, merit if np.isfinite(merit) else np.inf)
+        return _State(point, RowValues(excess, jacobian), merit if np.isfinite(merit) else np.inf)
 
     def step(self, state: _State, radius: float) -> Floats | None:
         """The step to the minimum of the linearised problem within the trust region, or None."""
@@ -207,7 +205,7 @@ class LocalSearch:
     def inside(self, point: Floats, margin: float, scale: Floats) -> Floats | None:
         """A point near the given one that holds the equations, and the inequalities with a margin, to first order."""
         for _ in range(_ROUNDS):
-            rows, (value, jacobian) = self._rows.linearize(point), self._equations.estimate(point)
+            rows, (value, jacobian) = self._rows.linearize(point), self._equations.rows.linearize(point)
             matrix, equal = rows.jacobian * scale, jacobian * scale
             sizes = np.maximum(np.abs(matrix).max(axis=1, initial=0.0), 1e-300)
             missing = rows.values / sizes + margin
@@ -244,10 +242,10 @@ class LocalSearch:
             if asked and time.monotonic() > late:
                 raise _LateError
             asked[:] = [np.frombuffer(at)]
-            rows, (value, jacobian) = self._rows.linearize(asked[0] * scale), self._equations.estimate(asked[0] * scale)
+            rows, (value, jacobian) = (one.linearize(asked[0] * scale) for one in (self._rows, self._equations.rows))
             matrix, equal = rows.jacobian * scale, jacobian * scale
             if not sizes:
-                sizes.extend((_size(matrix), _size(equal)))
+                sizes.extend(np.clip(np.abs(part).max(axis=1, initial=0.0), 1e-6, 1e12) for part in (matrix, equal))
             found = rows.values / sizes[0], matrix / sizes[0][:, None], value / sizes[1], equal / sizes[1][:, None]
             return [np.asarray(np.nan_to_num(part, nan=1e10, posinf=1e10, neginf=-1e10)) for part in found]
 
@@ -279,10 +277,6 @@ class LocalSearch:
 
 class _LateError(Exception):
     """The time limit came first."""
-
-
-def _size(matrix: Floats) -> Floats:
-    return np.asarray(np.clip(np.abs(matrix).max(axis=1, initial=0.0), 1e-6, 1e12))
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -50,7 +50,7 @@ class Equations:
         plain = network.without_constraints()
         plain.add([c for c in network.constraints if not reads(c)])
         self._domain, self._equalities = network.domain, Equalities(plain)
-        self.count, self.rest = self._equalities.count, self._equalities.rest
+        self.count, self.rest, self.rows = self._equalities.count, self._equalities.rest, self._equalities.rows
         reach = self._equalities.tape.reach.leaf
         self.enter = frozenset(reach[reach < len(network.names)].tolist())
         self._network = plain
@@ -64,10 +64,6 @@ class Equations:
         other = copy(self)
         other._domain = domain
         return other
-
-    def estimate(self, point: Floats) -> tuple[Floats, Floats]:
-        """F (m,) and its Jacobian (m, n) at a point, without proof."""
-        return self._equalities.estimate(point)
 
     def solved(self, point: Floats) -> Box | None:
         """A tiny box around the point (n,) in which the equations have a solution; the others are single numbers."""
@@ -108,7 +104,7 @@ class Equations:
         return self._provers[key]
 
     def _unknowns(self, point: Floats, rows: Indices, free: Bools) -> Indices | None:
-        jacobian = self.estimate(point)[1][rows]
+        jacobian = self.rows.linearize(point).jacobian[rows]
         lo, hi = self._domain.lo, self._domain.hi
         with np.errstate(all="ignore"):
             room = np.minimum(np.minimum(point - lo, hi - point), _WIDEST * np.maximum(np.abs(point), 1.0))
@@ -200,10 +196,6 @@ class WitnessProver:
             if candidate[o] > self._domain.hi[o]:
                 return None
         return None
-
-    def excess(self, point: Floats) -> float:
-        """A proved upper bound of the worst row at the point; <= 0 proves it. Infinite when it cannot be."""
-        return self._excess(self._plain, IntervalArray.point(point), point)[0]
 
     def _excess(self, rows: _Rows, box: IntervalArray, point: Floats) -> tuple[float, bool]:
         """The worst row on a tiny box around the point; and whether one fails that the objective does not enter."""

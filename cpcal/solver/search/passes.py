@@ -64,7 +64,7 @@ class Pass:
     contraction: Contraction
     found: Box
     uses: tuple[ContractorUse, ...]
-    proof: tuple[Record, ...] = ()
+    proof: tuple[Record, ...]
 
 
 class Contracting:
@@ -321,14 +321,8 @@ class Smear(LargestFirst):
     varies, and on unbounded boxes, the widest component.
     """
 
-    def __init__(
-        self,
-        network: ConstraintNetwork,
-        width: float = 0.0,
-        scale: npt.ArrayLike = 1.0,
-        skip: Iterable[str] = (),
-    ) -> None:
-        super().__init__(width, scale, skip)
+    def __init__(self, network: ConstraintNetwork, width: float = 0.0) -> None:
+        super().__init__(width)
         self._rows = network.once("rows at points", lambda: Rows(network))
 
     def _scores(self, lo: Floats, hi: Floats) -> Floats:

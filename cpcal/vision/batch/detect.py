@@ -87,9 +87,9 @@ def in_parallel(
             yield alone(names[done : done + 1])  # while the first worker begins
             done += 1
         chunks = [names[k : k + _CHUNK] for k in range(done, len(names), _CHUNK)]
-        for outcome in outcomes(place, most, alone, chunks):
-            done += len(outcome.task)
-            yield outcome.value
+        for chunk, future in outcomes(place, most, alone, chunks):
+            done += len(chunk)
+            yield future.result()
     if done < len(names):
         raise Stopped(asked() or Reason.INTERRUPTED)
 

@@ -49,28 +49,28 @@ def until_asked(number):
 def test_every_task_has_one_outcome_wherever_it_is_done():
     for executor, most in ((Here(), 1), (ThreadPoolExecutor(2), 4)):
         with executor:
-            done = {one.task: one.value for one in outcomes(executor, most, squared, range(20))}
+            done = {task: future.result() for task, future in outcomes(executor, most, squared, range(20))}
         assert done == {k: k * k for k in range(20)}
 
 
 def test_a_task_that_raises_stops_no_other():
     found = list(outcomes(Here(), 1, failing, range(5)))
-    assert [one.task for one in found if one.error] == [3]
-    assert [one.value for one in found if not one.error] == [0, 1, 2, 4]
+    assert [task for task, future in found if future.exception()] == [3]
+    assert [future.result() for _, future in found if not future.exception()] == [0, 1, 2, 4]
 
 
 def test_no_task_is_begun_after_a_stop():
     done = []
     with also_asked_by(lambda: Reason.INTERRUPTED if len(done) == 2 else None):
-        for one in outcomes(Here(), 1, squared, range(10)):
-            done.append(one.task)
+        for task, _ in outcomes(Here(), 1, squared, range(10)):
+            done.append(task)
     assert done == [0, 1]
 
 
 def test_a_task_whose_worker_is_killed_is_begun_again(tmp_path):
     paths = [tmp_path / str(k) for k in range(2)]
     with executor_for(workers=2) as (pool, most):
-        assert sorted(one.value for one in outcomes(pool, most, killed_once, paths)) == ["0", "1"]
+        assert sorted(future.result() for _, future in outcomes(pool, most, killed_once, paths)) == ["0", "1"]
 
 
 @pytest.mark.parametrize("task", [None, time.sleep])
@@ -87,16 +87,16 @@ def test_no_worker_outlives_its_pool(monkeypatch, task):
 
 def test_a_task_that_kills_its_worker_harms_no_other():
     with executor_for(workers=2) as (pool, most):
-        found = {one.task: one for one in outcomes(pool, most, deadly, range(4))}
-    assert isinstance(found[1].error, LostWorkerError)
-    assert [found[k].value for k in (0, 2, 3)] == [0, 2, 3]
+        found = dict(outcomes(pool, most, deadly, range(4)))
+    assert isinstance(found[1].exception(), LostWorkerError)
+    assert [found[k].result() for k in (0, 2, 3)] == [0, 2, 3]
 
 
 def test_workers_hear_of_a_stop_and_what_they_answer_comes():
     began = time.monotonic()
     stop = lambda: Reason.INTERRUPTED if time.monotonic() - began > 3.0 else None  # noqa: E731 - they must be at work
     with also_asked_by(stop), executor_for(workers=2) as (pool, most):
-        found = [one.value for one in outcomes(pool, most, until_asked, range(100))]
+        found = [future.result() for _, future in outcomes(pool, most, until_asked, range(100))]
     assert len(found) <= 2 + 2 + 1
 
 
@@ -113,7 +113,7 @@ def test_a_worker_that_is_stopped_does_not_hold_up_a_stop(monkeypatch, again):
         monkeypatch.setattr("cpcal.solver.execution.stopping._note.insisted", again)
         began = time.monotonic()
         with also_asked_by(lambda: Reason.INTERRUPTED if time.monotonic() > began + 0.5 else None):
-            assert [one.value for one in outcomes(pool, most, until_asked, range(2))] in ([], [0], [1])
+            assert [future.result() for _, future in outcomes(pool, most, until_asked, range(2))] in ([], [0], [1])
     assert gone(pid)
 
 
@@ -129,16 +129,16 @@ def test_a_fork_server_that_is_killed_while_it_begins_costs_no_task(monkeypatch)
 
     monkeypatch.setattr(multiprocessing.context.ForkServerProcess, "start", killed_first)
     with executor_for(workers=2) as (pool, most):
-        assert sorted(one.value for one in outcomes(pool, most, squared, range(3))) == [0, 1, 4]
+        assert sorted(future.result() for _, future in outcomes(pool, most, squared, range(3))) == [0, 1, 4]
     assert len(begun) >= 2
 
 
 @pytest.mark.parametrize("unpicklable", [lambda: 0, threading.Lock()])
 def test_what_cannot_travel_is_its_tasks_error_alone(unpicklable):
     with executor_for(workers=2) as (pool, most):
-        found = {str(one.task): one for one in outcomes(pool, most, str, [1, unpicklable, 2])}
-    assert re.search("pickle", str(found.pop(str(unpicklable)).error), re.IGNORECASE)
-    assert sorted(one.value for one in found.values()) == ["1", "2"]
+        found = {str(task): future for task, future in outcomes(pool, most, str, [1, unpicklable, 2])}
+    assert re.search("pickle", str(found.pop(str(unpicklable)).exception()), re.IGNORECASE)
+    assert sorted(future.result() for future in found.values()) == ["1", "2"]
 
 
 _ORPHANS = """

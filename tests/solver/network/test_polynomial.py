@@ -102,7 +102,7 @@ def test_no_row_excludes_a_solution_with_the_readings_that_decide(seed: int) -> 
     for _ in range(3):
         size = 10.0 ** rng.uniform(-6, 1, 4)
         lo, hi = np.maximum(point - size, [-5, -5, -5, 0]), np.minimum(point + size, [5, 5, 5, 100])
-        sets = decisive.on(Box(net.names, lo, hi)) if decisive.any else None
+        sets = decisive.on(Box(net.names, lo, hi)) if decisive.tape.readings else None
         assert all(holds(PolynomialForms(net).on(sets), point))
 
 
