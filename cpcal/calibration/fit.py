@@ -13,7 +13,7 @@ import numpy.typing as npt
 from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import listed
 from cpcal.common.least_squares import least_squares
-from cpcal.common.values import Floats, fill, frozen_array
+from cpcal.common.values import Bools, Floats, fill, frozen_array
 from cpcal.robot import Campaign, LegEquations
 
 
@@ -186,7 +186,7 @@ class Fit:
         return self.equations.values(self.parameters)
 
     @cached_property
-    def determined(self) -> npt.NDArray[np.bool_]:
+    def determined(self) -> Bools:
         """Which singular values of A are not zero to working precision."""
         left, values, _ = self.svd
         return np.asarray(values > max(left.shape[0], self.parameters.size) * np.finfo(np.float64).eps * values[0])
@@ -237,7 +237,7 @@ class Fit:
         return np.sqrt(np.diagonal(self.covariance)).reshape(-1, 7)
 
     @cached_property
-    def undetermined(self) -> npt.NDArray[np.bool_]:
+    def undetermined(self) -> Bools:
         """(n, 7): which parameters can change without changing any equation, to first order."""
         known = np.sum(self.svd[2][self.determined] ** 2, axis=0)
         return np.asarray(1.0 - known > _IN_NULL_SPACE**2).reshape(-1, 7)

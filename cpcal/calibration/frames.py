@@ -191,7 +191,7 @@ def first_frames(robot: Robot, length: Floats, seen: Pose, drawn: list[Drawn] | 
             rows = keep = np.flatnonzero(good)
             for _ in range(_TRIMS):
                 frames = calibrate_frames(reached.rows(keep), seen.rows(keep))
-                told = inverse_kinematics(redefined(robot, frames.camera_in_base, frames.target_in_mobile), seen)
+                told = inverse_kinematics(redefined(robot, *frames), seen)
                 off = np.max(np.abs(told - length), axis=1)
                 keep = rows[off[rows] <= _FAR * np.median(off)]
             found.append((float(np.median(off)), frames))
@@ -244,8 +244,8 @@ def in_base_frame(campaign: Campaign) -> Campaign:
         what = f"has {campaign.legs} legs, and fewer than six give no pose to find a tracker's frame by"
         raise unusable(campaign.robot.name, what, "measure in the base frame, and say --frames base")
     drawing, sample = campaign.robot, campaign.sampled(_ROWS)
-    first = first_frames(drawing, sample.length, Pose(sample.position, sample.quaternion))
-    tracked = replace(sample, robot=redefined(drawing, first.camera_in_base, first.target_in_mobile))
+    first = first_frames(drawing, sample.length, sample.poses)
+    tracked = replace(sample, robot=redefined(drawing, *first))
     start = spread_of(tracked).fitted  # which a few gross errors do not move
     off = np.abs(LegEquations.of(tracked).values(start))
     far = (off > np.maximum(_FAR * np.array([robust_scale(leg) for leg in off.T]), _ROUNDING)).any(axis=1)
@@ -255,7 +255,7 @@ def in_base_frame(campaign: Campaign) -> Campaign:
     best = fit(good, weighted=noise is not None, noise=noise, start=start)
     base, mobile = fitted_frames(best, drawing)
     tracker, target = (Pose(np.array(one.position), np.array(one.quaternion)) for one in (base, mobile))
-    seen = compose(tracker, Pose(campaign.position, campaign.quaternion))
+    seen = compose(tracker, campaign.poses)
     pose, lever = compose(seen, inverse(target)), seen.rotation @ inverse(target).position
     power = 1.0 if factor is None else 2.0  # bounds add up, independent standard deviations in quadrature
     sizes = np.zeros((len(lever), 6, 6))

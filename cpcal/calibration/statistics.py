@@ -25,9 +25,7 @@ from cpcal.robot import (
     PoseTable,
     Robot,
     Uncertainty,
-    quaternion_conjugate,
-    quaternion_product,
-    rotation_vector,
+    turn_between,
 )
 
 POSE_CHANNELS = ("x", "y", "z", "rx", "ry", "rz")  # mm and rad
@@ -81,7 +79,7 @@ def campaign_deviations(campaign: Campaign) -> Deviations:
     """
     group, names = grouped(campaign.pose)
     mean = mean_rotations(campaign.quaternion, group, len(names))[group]
-    turned = rotation_vector(quaternion_product(campaign.quaternion, quaternion_conjugate(mean)))
+    turned = turn_between(campaign.quaternion, mean)
     channels = (*POSE_CHANNELS, *(f"L{leg}" for leg in range(1, campaign.legs + 1)))
     table = np.concatenate([campaign.position, turned, campaign.length], axis=1)
     return deviations(campaign.pose, table, channels, campaign.measurement_ids)

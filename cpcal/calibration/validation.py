@@ -17,12 +17,9 @@ from cpcal.common.values import Bools, Floats
 from cpcal.robot import (
     Campaign,
     LegEquations,
-    Pose,
     Robot,
+    distances,
     forward_poses,
-    quaternion_conjugate,
-    quaternion_product,
-    rotation_vector,
 )
 
 Numbers = tuple[float, ...]
@@ -102,12 +99,8 @@ def pose_errors(campaign: Campaign, parameters: npt.ArrayLike) -> tuple[Numbers,
     if x.shape != (campaign.legs, 7) or not np.isfinite(x).all():
         what = f"have the shape {x.shape}, or a number that is not finite"
         raise unusable("parameters", what, f"give ({campaign.legs}, 7) finite numbers, mm")
-    found, _ = forward_poses(
-        Robot.from_parameters("", x), campaign.length, Pose(campaign.position, campaign.quaternion)
-    )
-    remaining = quaternion_product(found.quaternion, quaternion_conjugate(campaign.quaternion))
-    off = (found.position - campaign.position, rotation_vector(remaining))
-    apart, turn = (tuple(np.linalg.norm(part, axis=1).tolist()) for part in off)
+    found, _ = forward_poses(Robot.from_parameters("", x), campaign.length, campaign.poses)
+    apart, turn = (tuple(part.tolist()) for part in distances(found, campaign.poses))
     return apart, turn
 
 

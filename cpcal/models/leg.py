@@ -28,7 +28,7 @@ from cpcal.common.numbers import nearest
 from cpcal.common.numbers import stated as as_stated
 from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
-from cpcal.robot import Campaign, LegEquations, Pose, leg_vectors
+from cpcal.robot import Campaign, LegEquations, leg_vectors
 from cpcal.robot.kinematics import rotation_numerators
 from cpcal.solver.certificate.exact_network import NotStated, Statement, free, network_statement, stated_leg
 from cpcal.solver.interval import Box, IntervalArray
@@ -376,7 +376,7 @@ def leg_equation(
 def drawn(campaign: Campaign, leg: int) -> Drawn:
     """The leg with that number (from 1) as the drawing has it at the stated readings."""
     robot, k = campaign.robot, leg - 1
-    vector = leg_vectors(robot, Pose(campaign.position, campaign.quaternion))[:, k]
+    vector = leg_vectors(robot, campaign.poses)[:, k]
     normal = np.linalg.svd(robot.base - robot.base.mean(axis=0))[2][-1]
     up = np.asarray(normal * np.sign(normal @ (campaign.position.mean(axis=0) - robot.base.mean(axis=0))))
     return Drawn(vector, campaign.length[:, k], float(robot.offset[k]), up)

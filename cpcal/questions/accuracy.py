@@ -35,9 +35,7 @@ from cpcal.robot import (
     Robot,
     inverse_kinematics,
     pose_jacobian,
-    quaternion_conjugate,
-    quaternion_product,
-    rotation_vector,
+    turn_between,
 )
 from cpcal.solver.certificate.exact_network import free
 
@@ -461,8 +459,8 @@ def held_coordinates(campaign: Campaign) -> tuple[int, ...]:
     measured poses vary by no more than their reading sets."""
     if campaign.legs >= 6:
         return ()
-    turned = quaternion_product(campaign.quaternion, quaternion_conjugate(_mean_orientation(campaign)))
-    seen = np.concatenate([campaign.position, rotation_vector(turned)], axis=1)
+    turned = turn_between(campaign.quaternion, _mean_orientation(campaign))
+    seen = np.concatenate([campaign.position, turned], axis=1)
     radius = np.concatenate([campaign.position_radius, campaign.rotation_radius], axis=1).max(axis=0)
     return tuple(np.flatnonzero(np.ptp(seen, axis=0) <= 2.0 * radius + 1e-6).tolist())
 

@@ -17,7 +17,7 @@ from cpcal.common.errors import InputError, unusable
 from cpcal.common.numbers import about
 from cpcal.files import Log, Settings
 from cpcal.files.log import campaign_of_log, frame_log, log_settings, read_log, unstated
-from cpcal.robot import Campaign, KinematicsError, Pose, Robot
+from cpcal.robot import Campaign, KinematicsError, Robot
 from cpcal.robot.campaign import Given
 from cpcal.robot.mistakes import SHARE, spread_of
 from cpcal.robot.units import SEQUENCES
@@ -67,11 +67,10 @@ def _by_drawing(campaign: Campaign, drawn: list[Drawn] | None = None) -> float:
     """By how much of a leg's length readings differ from the drawing's joints in frames of a tracker (the median over
     the measurements, of the worst leg); infinite where the poses determine no frames."""
     try:
-        seen = Pose(campaign.position, campaign.quaternion)
-        first = first_frames(campaign.robot, campaign.length, seen, drawn)
+        first = first_frames(campaign.robot, campaign.length, campaign.poses, drawn)
     except (InputError, KinematicsError):
         return math.inf
-    robot = redefined(campaign.robot, first.camera_in_base, first.target_in_mobile)
+    robot = redefined(campaign.robot, *first)
     return Given.of(replace(campaign, robot=robot)).share()
 
 

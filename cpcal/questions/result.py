@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from cpcal.common.codec import Informed, checked, informed, load, save
+from cpcal.common.codec import INFORMATION, Informed, checked, load, save
 from cpcal.common.errors import printable, refuse, unusable
 from cpcal.common.numbers import stated
 from cpcal.files.folders import NAME as CAMPAIGN_NAME
@@ -451,7 +451,7 @@ class LegResult:
     ranges: Ranges | None = None
     support: Informed[tuple[str, ...]] = ()
     not_certified: Informed[Uncertified] = Uncertified.NOTHING
-    verified: Annotated[VerifiedPoint | None, informed("center_verified")] = None
+    verified: Annotated[VerifiedPoint | None, checked(INFORMATION, json="center_verified")] = None
     extra: Informed[tuple[float, ...]] = ()
     determination: Informed[Determination | None] = None
     work: Informed[Work] = Work()

@@ -41,7 +41,7 @@ from cpcal.common.errors import refuse
 from cpcal.common.numbers import about
 from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
-from cpcal.robot import Campaign, Pose, Robot, Study, inverse
+from cpcal.robot import Campaign, Robot, Study, inverse
 
 # ------------------------------------------------------------------------------------------------------------------
 # The uncertainty budget of a calibration (GUM).
@@ -387,8 +387,8 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
         told["true_parameters"] = json.dumps(true.parameters.tolist())
     centres = averaged(study_rows(study.calibration, drawing).good)
     # the drawing's forward kinematics of the mean readings, against the mean poses
-    frames = first_frames(drawing, centres.length, Pose(centres.position, centres.quaternion))
-    robot = redefined(drawing, frames.camera_in_base, frames.target_in_mobile)
+    frames = first_frames(drawing, centres.length, centres.poses)
+    robot = redefined(drawing, *frames)
     rows, check_rows = (study_rows(table, robot, told) for table in (study.calibration, study.validation))
     repeats, of_rows = repeatability(rows.runs), campaign_deviations(rows.good)
     sigma = repeats.noise_sigma

@@ -24,6 +24,7 @@ from .kinematics import (
     rotation_vector,
     small_rotation,
     transformed,
+    turn_between,
 )
 from .robot import (
     DELTALAB,
@@ -80,4 +81,5 @@ __all__ = [
     "rotation_vector",
     "small_rotation",
     "transformed",
+    "turn_between",
 ]

@@ -18,20 +18,10 @@ import numpy.typing as npt
 from cpcal.common.errors import Problem, Problems, shown, unusable
 from cpcal.common.files import IDENTIFIER_REMEDY, NAME_MAX, NAME_REMEDY, TEXT_REMEDY, is_identifier, is_text
 from cpcal.common.numbers import about
-from cpcal.common.values import LARGEST, Floats, Value, as_floats, fill, frozen_array, frozen_mapping
-from cpcal.robot.kinematics import (
-    Pose,
-    leg_vectors,
-    quaternion_conjugate,
-    quaternion_product,
-    rotation_matrix,
-    rotation_vector,
-)
+from cpcal.common.values import LARGEST, Floats, Indices, Value, as_floats, fill, frozen_array, frozen_mapping
+from cpcal.robot.kinematics import Pose, leg_vectors, turn_between
 from cpcal.robot.robot import KINDS, Robot, Uncertainty, good_numbers, known_robot
-from cpcal.robot.units import (
-    ModelChoice,
-    RotationForm,
-)
+from cpcal.robot.units import ModelChoice, RotationForm
 
 
 def stated_uncertainty(
@@ -296,6 +286,11 @@ class Campaign(Value):
         return len(self.pose)
 
     @property
+    def poses(self) -> Pose:
+        """The centres of their reading sets, N poses."""
+        return Pose(self.position, self.quaternion)
+
+    @property
     def measurement_ids(self) -> list[str]:
         """`pose/run` of every measurement, in order."""
         return [f"{pose}/{run}" for pose, run in zip(self.pose, self.run, strict=True)]
@@ -354,7 +349,7 @@ class LegEquations:
     def of(cls, campaign: Campaign, legs: Sequence[int] | None = None) -> LegEquations:
         """Of the legs with these numbers, from 1 (left out: all), at the centres of the campaign's reading sets."""
         columns = [leg - 1 for leg in legs or range(1, campaign.legs + 1)]
-        return cls(campaign.position, rotation_matrix(campaign.quaternion), campaign.length[:, columns])
+        return cls(campaign.position, campaign.poses.rotation, campaign.length[:, columns])
 
     def values(self, x: Floats) -> Floats:
         """g, (N, n)."""
@@ -411,8 +406,7 @@ def single_pose(campaign: Campaign) -> str | None:
         return None
     size = float(np.median(np.abs(campaign.length + campaign.robot.offset)))
     moved = float(np.abs(campaign.position - campaign.position[0]).max())
-    turned = quaternion_product(campaign.quaternion, quaternion_conjugate(campaign.quaternion[0]))
-    angle = float(np.abs(rotation_vector(turned)).max())
+    angle = float(np.abs(turn_between(campaign.quaternion, campaign.quaternion[0])).max())
     if moved > _STILL * size or angle > _STILL:
         return None
     return (
@@ -435,9 +429,9 @@ class Given:
 
     @classmethod
     def of(cls, campaign: Campaign) -> Given:
-        return cls(campaign.robot, Pose(campaign.position, campaign.quaternion), campaign.length)
+        return cls(campaign.robot, campaign.poses, campaign.length)
 
-    def rows(self, chosen: npt.NDArray[np.intp]) -> Given:
+    def rows(self, chosen: Indices) -> Given:
         return replace(self, pose=self.pose.rows(chosen), length=self.length[chosen])
 
     def posed(self, position: Floats, quaternion: Floats) -> Given:

@@ -6,10 +6,9 @@ calibrated one and for a simulated true one.
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -25,26 +24,22 @@ from cpcal.robot.robot import Robot
 # and in exact arithmetic, whether q has unit norm or not (DESIGN section 1).
 
 
-def rotation_numerators(quaternion: Iterable[Any], ring: Any = operator) -> tuple[list[list[Any]], Any]:
+def rotation_numerators(quaternion: Iterable[Any]) -> tuple[list[list[Any]], Any]:
     """The nine entries of |q|^2 R(q), row by row, and |q|^2, over any ring: arrays, fractions, expressions, intervals.
-    A `ring` has add, sub and mul: module `operator`, or an interval arithmetic.
 
     Every product is formed once. What R(q) is stands here alone; the checker has its own.
     """
     w, x, y, z = quaternion
-    add, sub, mul = ring.add, ring.sub, ring.mul
-    ww, xx, yy, zz = mul(w, w), mul(x, x), mul(y, y), mul(z, z)
-    xy, xz, yz, wx, wy, wz = mul(x, y), mul(x, z), mul(y, z), mul(w, x), mul(w, y), mul(w, z)
-
-    def twice(value: Any) -> Any:
-        return add(value, value)
-
+    ww, xx, yy, zz = w * w, x * x, y * y, z * z
+    xy, xz, yz, wx, wy, wz = x * y, x * z, y * z, w * x, w * y, w * z
+    halves = xy - wz, xz + wy, xy + wz, yz - wx, xz - wy, yz + wx
+    r12, r13, r21, r23, r31, r32 = (half + half for half in halves)
     rows = [
-        [sub(sub(add(ww, xx), yy), zz), twice(sub(xy, wz)), twice(add(xz, wy))],
-        [twice(add(xy, wz)), sub(add(sub(ww, xx), yy), zz), twice(sub(yz, wx))],
-        [twice(sub(xz, wy)), twice(add(yz, wx)), add(sub(sub(ww, xx), yy), zz)],
+        [ww + xx - yy - zz, r12, r13],
+        [r21, ww - xx + yy - zz, r23],
+        [r31, r32, ww - xx - yy + zz],
     ]
-    return rows, add(add(add(ww, xx), yy), zz)
+    return rows, ww + xx + yy + zz
 
 
 def rotation_matrix(quaternion: npt.ArrayLike) -> Floats:
@@ -67,6 +62,11 @@ def quaternion_conjugate(quaternion: npt.ArrayLike) -> Floats:
     """(w, -x, -y, -z), (..., 4) -> (..., 4): the inverse rotation."""
     q = np.asarray(quaternion, dtype=np.float64)
     return np.concatenate([q[..., :1], -q[..., 1:]], axis=-1)
+
+
+def turn_between(one: npt.ArrayLike, other: npt.ArrayLike) -> Floats:
+    """The rotation vector of the turn that takes rotations `other` to `one`, rad, (..., 4) x (..., 4) -> (..., 3)."""
+    return rotation_vector(quaternion_product(one, quaternion_conjugate(other)))
 
 
 def normalised(quaternion: npt.ArrayLike) -> Floats:
@@ -294,8 +294,8 @@ def transformed(pose: Pose, points: npt.ArrayLike) -> Floats:
 
 def distances(one: Pose, other: Pose) -> tuple[Floats, Floats]:
     """Between K poses: mm, and the angle in rad."""
-    turn = quaternion_product(one.quaternion, quaternion_conjugate(other.quaternion))
-    return np.linalg.norm(one.position - other.position, axis=-1), np.linalg.norm(rotation_vector(turn), axis=-1)
+    turn = turn_between(one.quaternion, other.quaternion)
+    return np.linalg.norm(one.position - other.position, axis=-1), np.linalg.norm(turn, axis=-1)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -322,8 +322,7 @@ def cross_matrix(vector: npt.ArrayLike) -> Floats:
     return np.cross(v[..., None, :], np.eye(3)).swapaxes(-1, -2)
 
 
-@dataclass(frozen=True, eq=False)
-class FrameCalibration:
+class FrameCalibration(NamedTuple):
     """camera_in_base: X, target_in_mobile: Z (positions in mm)."""
 
     camera_in_base: Pose

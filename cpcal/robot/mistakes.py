@@ -26,6 +26,7 @@ from cpcal.robot.kinematics import (
     forward_poses,
     inverse,
     inverse_kinematics,
+    nearest_rotation,
     pose_jacobian,
     quaternion_conjugate,
     quaternion_from_matrix,
@@ -34,7 +35,6 @@ from cpcal.robot.kinematics import (
     rotation_vector,
     world_hand_eye,
 )
-from cpcal.robot.robot import Robot
 from cpcal.robot.units import LENGTHS, NAMES, PROPER, SEQUENCES, TAIT_BRYAN, quaternion_from_euler
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -130,9 +130,8 @@ def shifted_joints(given: Given) -> Variants:
     for order in orders:
         if (order != np.arange(robot.legs)).any():
             listed = ", ".join(str(leg + 1) for leg in order)
-            moved = Robot(robot.name, robot.base, robot.mobile[order], robot.offset)
             name = f"the rows of mobile are in another order than those of base (take rows {listed})"
-            yield name, replace(given, robot=moved)
+            yield name, replace(given, robot=replace(robot, mobile=robot.mobile[order]))
 
 
 def shifted_rows(given: Given) -> Variants:
@@ -183,6 +182,8 @@ _DEGREES = 180.0 / np.pi
 _TINY = np.finfo(np.float64).tiny
 _VECTOR = "vector"  # beside the orders of Euler angles
 _TAKEN = (*(name.upper() for name in TAIT_BRYAN + PROPER), _VECTOR)  # fixed axes are turned ones backwards
+_MEANT = {name: f"Euler angles {name} (or {name[::-1].swapcase()})" for name in SEQUENCES}
+_MEANT[_VECTOR] = "rotation vectors"
 
 
 def other_angles(given: Given) -> Variants:
@@ -192,15 +193,11 @@ def other_angles(given: Given) -> Variants:
     """
     for taken in _TAKEN:
         angles = _angles(taken, given.pose.quaternion)
-        for meant in (*SEQUENCES, _VECTOR):
+        for meant, said in _MEANT.items():
             for values in (angles, angles[:, ::-1]) if meant == _VECTOR != taken else (angles,):
                 if meant != taken:
-                    name = f"rotations are {_form(meant)}, not {_form(taken)}; capitals: turned axes"
+                    name = f"rotations are {said}, not {_MEANT[taken]}; capitals: turned axes"
                     yield name, given.posed(given.pose.position, _quaternion(meant, values))
-
-
-def _form(name: str) -> str:
-    return "rotation vectors" if name == _VECTOR else f"Euler angles {name} (or {name[::-1].swapcase()})"
 
 
 def radians_as_degrees(given: Given) -> Variants:
@@ -564,8 +561,7 @@ def _frames_said(before: Floats, after: Floats) -> str:
         old, new = before[:, start : start + 3], after[:, start : start + 3]
         if np.allclose(old, new, rtol=1e-9):
             continue
-        left, _, right = np.linalg.svd((new - new.mean(axis=0)).T @ (old - old.mean(axis=0)))
-        turn = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
+        turn = nearest_rotation((new - new.mean(axis=0)).T @ (old - old.mean(axis=0)))
         angle = np.degrees(np.linalg.norm(rotation_vector(quaternion_from_matrix(turn))))
         shift = ", ".join(about(float(value), 3) for value in new.mean(axis=0) - turn @ old.mean(axis=0))
         turned = f", turned by {about(angle, 2)} degrees" if angle > _TURNED else ""
@@ -614,15 +610,14 @@ def spread_of(campaign: Campaign) -> Spread:
         found = scored([given], _STEPS[1])
         fit = given.drawn(np.nan_to_num(found.fitted[0])).robot
         residual = np.abs(inverse_kinematics(fit, given.pose) - given.length)
-        spare = np.sqrt(count / max(count - 7, 1))
-        left = spare * _NORMAL * np.median(residual, axis=0)
-        if campaign.exact or count < _TOLD:
-            return Spread(left, None, float(found.off[0]), float(found.share[0]), fit.parameters)
-        factor = campaign.uncertainty.factor if campaign.uncertainty is not None else None
-        radii = np.concatenate([campaign.position_radius, campaign.rotation_radius], axis=1)[:, None]
-        square = np.sum((pose_jacobian(fit, given.pose) * radii) ** 2, axis=2) + campaign.length_radius**2
-        stated = np.sqrt(square) / (factor or _UNIFORM)
-        ratio = spare * _NORMAL * np.median(residual / np.maximum(stated, _TINY), axis=0)
+        spare, ratio = _NORMAL * np.sqrt(count / max(count - 7, 1)), None
+        if not campaign.exact and count >= _TOLD:
+            factor = campaign.uncertainty.factor if campaign.uncertainty is not None else None
+            radii = np.concatenate([campaign.position_radius, campaign.rotation_radius], axis=1)[:, None]
+            square = np.sum((pose_jacobian(fit, given.pose) * radii) ** 2, axis=2) + campaign.length_radius**2
+            stated = np.sqrt(square) / (factor or _UNIFORM)
+            ratio = spare * np.median(residual / np.maximum(stated, _TINY), axis=0)
+    left = spare * np.median(residual, axis=0)
     return Spread(left, ratio, float(found.off[0]), float(found.share[0]), fit.parameters)
 
 

@@ -270,16 +270,6 @@ def units_of(target: str) -> Mapping[str, float]:
     return ANGLES if re.fullmatch(r"r[123]|d?r[xyz]", target) else {}
 
 
-def half_widths(stated: Floats, values: Mapping[str, Floats], legs: int, count: int) -> Floats:
-    """(N, 6 + n): the half-widths `stated` (6 + n,) for all rows, and those of override columns where not NaN."""
-    radii = np.tile(stated, (count, 1))
-    for column, name in enumerate(override_columns(legs)):
-        if name in values:
-            own = ~np.isnan(values[name])
-            radii[own, column] = values[name][own]
-    return radii
-
-
 # ------------------------------------------------------------------------------------------------------------------
 # Which leg model a campaign asks for: [model] in campaign.toml. What the names mean stands in `cpcal.calibration`.
 
