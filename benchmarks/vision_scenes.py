@@ -28,7 +28,7 @@ from cpcal.vision.identify import Unidentified, identify
 from cpcal.vision.opencv import opencv
 from cpcal.vision.pose import PoseEstimate
 from cpcal.vision.projection import centers_by_pose, predicted_centers
-from cpcal.vision.render import Scene, render
+from cpcal.vision.render import BRIGHT, DARK, Scene, render
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
 ROWS = (slice(0, 7), slice(7, 13))  # the diagonals of the default target, off its grid
@@ -209,7 +209,7 @@ def errors(target: Target, camera: Camera, pose: Pose, scene: Scene, seed: int =
     missing = int(inside.sum()) - len(np.unique(number[right]))
     spread = np.sqrt(scene.blur**2 + 1.0 / 12.0)
     light = 1.0 + (np.array(scene.gradient) * (found.centers[right] / [camera.width, camera.height] - 0.5)).sum(axis=1)
-    slope = (scene.bright - scene.dark) * light / np.hypot(scene.noise, np.sqrt(1.0 / 12.0))
+    slope = (BRIGHT - DARK) * light / np.hypot(scene.noise, np.sqrt(1.0 / 12.0))
     bound = np.sqrt(2.0 * np.sqrt(np.pi) * spread / (np.pi * found.axes[right].mean(axis=1))) / slope
     return DotErrors(off, np.linalg.solve(half, off[..., None])[..., 0], bound, missing, int((~right).sum()))
 

@@ -252,7 +252,10 @@ def measured(world: World, images: int, seed: int) -> dict[str, Any]:
         )
         wrong += np.linalg.norm(found.dots.centers[pairs.found] - centers[pairs.numbers], axis=1).max() > _WRONG
         doubtful += bool(found.doubt)
-        square, off = error @ np.linalg.solve(found.covariance, error) / 6.0, found.centers - centers[found.numbers]
+        square, off = (
+            error @ np.linalg.solve(found.estimate.covariance, error) / 6.0,
+            found.centers - centers[found.numbers],
+        )
         rows.append(np.array([(off**2).mean(), square, np.abs(error[:3]).max()]))
     columns = np.array(rows).T if rows else np.full((3, 1), np.nan)
     return {

@@ -20,7 +20,7 @@ from cpcal.common.files import unwritable, write_file
 from cpcal.common.numbers import about, at_most, nearest
 from cpcal.files.run_folder import POSE_SETS, answers_into
 from cpcal.files.settings import STUDY_NAME, study_bytes, table_bytes
-from cpcal.files.tables import load_readings, readings_bytes, readings_of
+from cpcal.files.tables import load_readings, readings_bytes
 from cpcal.models.sight import CameraSet, Enclosed, Enclosing, TargetSet, stem_of
 from cpcal.report.section import Drawing, Page, Picture, Section, Table, Words, origin, verdict
 from cpcal.robot import Robot, Study
@@ -77,7 +77,7 @@ def write_shots(nominal: Robot, options: dict[str, Any], folder: Path) -> Study:
             images = RenderedImages.of(table, DELTALAB_TARGET, DELTALAB_CAMERA, Scene(gradient=(0.25, 0.15)), seed=seed)
             with counted(f"{name}: rendering", Talk().console()) as progress:
                 images.write(folder / "images" / name, progress=progress)
-            (folder / f"{name}-readings.csv").write_bytes(readings_bytes(readings_of(table)))
+            (folder / f"{name}-readings.csv").write_bytes(readings_bytes(table))
         save_target(DELTALAB_TARGET, folder / "target.toml")
         made_by = {"generator": f"{SIMULATION} --study --render"}  # pages of these images call them simulated
         save_camera(CameraRecord(DELTALAB_CAMERA, provenance=made_by), folder / "camera.toml")

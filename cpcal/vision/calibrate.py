@@ -186,7 +186,7 @@ class CalibratedView:
     residuals: Floats
 
     @property
-    def used(self) -> npt.NDArray[np.bool_]:
+    def used(self) -> Bools:
         """(m,) whether the dot was used; one far off its place is not."""
         return np.asarray(np.isfinite(self.residuals).all(axis=1))
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.common.errors import CpcalError, InputError
-from cpcal.common.values import Floats
+from cpcal.common.values import Floats, Indices
 from cpcal.robot import Pose
 from cpcal.vision.boards import DEVIATION, board_points
 from cpcal.vision.camera import Camera
@@ -16,6 +15,7 @@ from cpcal.vision.dots import Dots, populations, refitted
 from cpcal.vision.files.image_file import UnreadableImageError
 from cpcal.vision.identify import FEWEST as FEWEST_DOTS
 from cpcal.vision.identify import Identification, Unidentified, identify, turned
+from cpcal.vision.opencv import Grey
 from cpcal.vision.pose import DOUBTFUL, NoPose, PoseEstimate, estimate_pose
 from cpcal.vision.pose import FEWEST as FEWEST_POINTS
 from cpcal.vision.target import Target
@@ -54,7 +54,7 @@ class MeasuredImage:
         return self.estimate.pose
 
     @property
-    def numbers(self) -> npt.NDArray[np.intp]:
+    def numbers(self) -> Indices:
         """(m,) of the target's dots that the pose rests on."""
         return np.asarray(self.identification.numbers[~self.estimate.outliers], dtype=np.intp)
 
@@ -73,14 +73,9 @@ class MeasuredImage:
             "check the camera's calibration, the target's dots and whether the plate is flat"
         )
 
-    @property
-    def covariance(self) -> Floats:
-        """(6, 6) of position (mm) and rotation vector (rad) in the camera frame."""
-        return self.estimate.covariance
-
 
 def measure_pose(
-    image: npt.NDArray[np.generic],
+    image: Grey,
     target: Target,
     camera: Camera,
     camera_covariance: Floats | None = None,
@@ -125,7 +120,7 @@ def measure_pose(
 
 
 def points_in(
-    image: npt.NDArray[np.generic], target: Target, camera: Camera | None, near: Pose | None = None
+    image: Grey, target: Target, camera: Camera | None, near: Pose | None = None
 ) -> tuple[Dots, Identification]:
     """The points of a target that an image shows: of dots the first population that is the target, turned in any way in
     which it looks the same. Without a camera an ordinary lens is allowed for; `near` as in `measure_pose`.

@@ -5,7 +5,13 @@ from __future__ import annotations
 from types import ModuleType
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from cpcal.common.errors import CpcalError, unusable
+
+Grey8 = npt.NDArray[np.uint8]
+Grey = Grey8 | npt.NDArray[np.uint16]  # an image (height, width), or with colours (height, width, 3), blue first
 
 
 class MissingExtraError(CpcalError):

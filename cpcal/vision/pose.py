@@ -16,24 +16,11 @@ from scipy.special import chdtrc
 
 from cpcal.common.errors import CpcalError
 from cpcal.common.values import Bools, Floats, Ints
-from cpcal.robot import (
-    Pose,
-    quaternion_conjugate,
-    quaternion_from_matrix,
-    quaternion_from_rotation_vector,
-    quaternion_product,
-    rotation_vector,
-)
+from cpcal.robot import Pose, quaternion_from_matrix, quaternion_from_rotation_vector, turn_between
 from cpcal.solver.compiled import compiled
 from cpcal.vision.camera import Camera
 from cpcal.vision.opencv import opencv
-from cpcal.vision.projection import (
-    by_camera,
-    centers_by_pose,
-    eigenvalues,
-    median,
-    placed_centers,
-)
+from cpcal.vision.projection import by_camera, centers_by_pose, eigenvalues, median, placed_centers
 from cpcal.vision.target import Target
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -375,8 +362,8 @@ def _other(pixels: Pixels, final: PoseFit, starts: list[Pose]) -> PoseFit | None
     """The fit of the plane's other pose; None where it is the same, to within a standard deviation."""
     for start in starts:
         found = fit(pixels, start)
-        turn = quaternion_product(found.pose.quaternion, quaternion_conjugate(final.pose.quaternion))
-        step = np.concatenate([found.pose.position - final.pose.position, rotation_vector(turn)])
+        turn = turn_between(found.pose.quaternion, final.pose.quaternion)
+        step = np.concatenate([found.pose.position - final.pose.position, turn])
         if not step @ final.normal @ step < 1.0:
             return found
     return None

@@ -12,23 +12,22 @@ import textwrap
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.common.values import Floats
 from cpcal.robot import Pose, transformed
 from cpcal.vision.camera import Camera
 from cpcal.vision.dots import observe_dots
+from cpcal.vision.dots.edge import Single
 from cpcal.vision.measure import MeasuredImage
-from cpcal.vision.opencv import opencv
+from cpcal.vision.opencv import Grey, Grey8, opencv
 from cpcal.vision.projection import predicted_centers
 from cpcal.vision.target import Target
-
-Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 _FINE = 4  # fine pixels in a pixel, each way
 _LINES = 3  # through a fine pixel
 _CONTOUR = 256  # points
 _REACH = 5.0  # of the blur, in its standard deviations
+BRIGHT, DARK = 200.0, 30.0  # grey levels of the surfaces, of 256, in the middle of the image
 
 
 @dataclass(frozen=True)
@@ -37,16 +36,12 @@ class Scene:
 
     blur      standard deviation of the optics' blur, pixels
     noise     standard deviation of each pixel's noise, grey levels of 256
-    bright    grey level of the bright surface, of 256, in the middle of the image
-    dark      of the dark surface
     gradient  (2,) by which share the light grows from the left border to the right one, and from top to bottom
     bits      8 or 16
     """
 
     blur: float = 0.8
     noise: float = 2.0
-    bright: float = 200.0
-    dark: float = 30.0
     gradient: tuple[float, float] = (0.0, 0.0)
     bits: int = 8
 
@@ -59,7 +54,7 @@ def render(
     *,
     seed: int = 0,
     hidden: tuple[int, ...] = (),
-) -> Image:
+) -> Grey:
     """The image (height, width) of the target at `pose` (target in camera frame, mm), but for its `hidden` dots.
 
     Dots behind the camera or out of sight are left out; those on the border are cut.
@@ -68,14 +63,14 @@ def render(
     return exposed(_covered(target, camera, pose, scene.blur, hidden), scene, bright=bool(target.bright), seed=seed)
 
 
-def exposed(share: npt.NDArray[np.float32], scene: Scene, *, bright: bool = True, seed: int = 0) -> Image:
+def exposed(share: Single, scene: Scene, *, bright: bool = True, seed: int = 0) -> Grey:
     """The image of a surface, (height, width): light, noise and quantisation. Light falls on the surface before the
     optics blur it: where it grows, an edge seems to move (exactly so for light that grows linearly).
 
     `share`, (height, width), is how much of each pixel's light comes from the drawing, which is brighter than its
     ground when `bright`. The optics' blur is already in it.
     """
-    inside, outside = (scene.bright, scene.dark) if bright else (scene.dark, scene.bright)
+    inside, outside = (BRIGHT, DARK) if bright else (DARK, BRIGHT)
     grey = outside + (inside - outside) * share
     if any(scene.gradient):
         height, width = grey.shape
@@ -89,7 +84,7 @@ def exposed(share: npt.NDArray[np.float32], scene: Scene, *, bright: bool = True
         rng = np.random.default_rng(seed)
         grey += np.float32(scene.noise) * rng.standard_normal(grey.shape, dtype=np.float32)
     kind, scale = (np.uint8, 1.0) if scene.bits == 8 else (np.uint16, 257.0)
-    image: Image = np.clip(np.rint(grey * np.float32(scale)), 0.0, 255.0 * scale).astype(kind)
+    image: Grey = np.clip(np.rint(grey * np.float32(scale)), 0.0, 255.0 * scale).astype(kind)
     return image
 
 
@@ -102,9 +97,7 @@ def contours(target: Target, camera: Camera, pose: Pose) -> Floats:
     return camera.project(points)
 
 
-def _covered(
-    target: Target, camera: Camera, pose: Pose, blur: float, hidden: tuple[int, ...]
-) -> npt.NDArray[np.float32]:
+def _covered(target: Target, camera: Camera, pose: Pose, blur: float, hidden: tuple[int, ...]) -> Single:
     """Which share of each pixel's light comes from dots, blurred: (height, width)."""
     cv2 = opencv()
     edge = contours(target, camera, pose)[np.setdiff1d(np.arange(len(target.dots)), hidden)]
@@ -129,7 +122,7 @@ def _covered(
     return image
 
 
-def _fine_share(edge: Floats, size: int) -> npt.NDArray[np.float32]:
+def _fine_share(edge: Floats, size: int) -> Single:
     """The share of each fine pixel inside convex contours (m, points, 2), in pixels of patches: (m, fine, fine)."""
     out = np.empty((len(edge), size * _FINE, size * _FINE), dtype=np.float32)
     sides = np.arange(size * _FINE + 1) / _FINE - 0.5  # a patch's first pixel reaches from -0.5 to 0.5
@@ -168,7 +161,7 @@ _SIZE = 6.0  # pixels of the picture: radius of a ring, half of a cross
 _LETTERS, _LINE = 0.45, 18  # size of a letter, OpenCV's unit; pixels of the picture a line
 
 
-def overlay(image: npt.NDArray[np.integer], found: MeasuredImage, target: Target, camera: Camera, width: int) -> bytes:
+def overlay(image: Grey, found: MeasuredImage, target: Target, camera: Camera, width: int) -> bytes:
     """JPEG of the image, `width` pixels wide: blue rings round the dots that were used, red ones where dots of the
     target are missing, violet ones where a dot was screened; yellow crosses on dots that are none of the target's; the
     target's axes, and what makes the pose doubtful."""
@@ -184,20 +177,18 @@ def overlay(image: npt.NDArray[np.integer], found: MeasuredImage, target: Target
     origin, *tips = _fine(camera.project(transformed(found.pose, ends)), scale)
     for tip, colour in zip(tips, (_X_AXIS, _Y_AXIS), strict=True):
         cv2.line(picture, origin, tip, colour, 2, cv2.LINE_AA, 4)
-    _text(picture, found.doubt)
-    return _jpeg(picture)
+    return _jpeg(picture, found.doubt)
 
 
-def refusal(image: npt.NDArray[np.integer], reason: str, bright: bool | None, width: int) -> bytes:
+def refusal(image: Grey, reason: str, bright: bool | None, width: int) -> bytes:
     """JPEG of an image without a pose: yellow crosses on the dots that were found in it, and the reason."""
     scale = width / image.shape[1]
     picture = _reduced(image, scale)
     _crosses(picture, observe_dots(image, bright=bright).centers, scale)
-    _text(picture, reason)
-    return _jpeg(picture)
+    return _jpeg(picture, reason)
 
 
-def _reduced(image: npt.NDArray[np.integer], scale: float) -> npt.NDArray[np.uint8]:
+def _reduced(image: Grey, scale: float) -> Grey8:
     """In three colours of 8 bits."""
     cv2 = opencv()
     grey = image if image.ndim == 2 else image[..., 1]
@@ -206,12 +197,20 @@ def _reduced(image: npt.NDArray[np.integer], scale: float) -> npt.NDArray[np.uin
     return np.asarray(cv2.cvtColor(small, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
 
 
-def _jpeg(picture: npt.NDArray[np.uint8]) -> bytes:
+def _jpeg(picture: Grey8, text: str) -> bytes:
+    """With the text at its foot, on a dark ground."""
     cv2 = opencv()
+    lines = textwrap.wrap(text.encode("ascii", "replace").decode(), max(picture.shape[1] // 8, 20))
+    if lines:
+        top = picture.shape[0] - _LINE * len(lines) - 6
+        picture[max(top, 0) :] //= 4
+        for k, line in enumerate(lines, start=1):
+            at = (8, top + _LINE * k - 4)
+            cv2.putText(picture, line, at, cv2.FONT_HERSHEY_SIMPLEX, _LETTERS, _TEXT, 1, cv2.LINE_AA)
     return bytes(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes())
 
 
-def _crosses(picture: npt.NDArray[np.uint8], centers: Floats, scale: float) -> None:
+def _crosses(picture: Grey8, centers: Floats, scale: float) -> None:
     for x, y in _fine(centers, scale):
         for way in (int(16 * _SIZE), -int(16 * _SIZE)):
             ends = (x - way, y - abs(way)), (x + way, y + abs(way))
@@ -222,16 +221,3 @@ def _fine(pixels: Floats, scale: float) -> list[list[int]]:
     """Pixels (n, 2) of the whole image in sixteenths of the picture's."""
     fine: list[list[int]] = np.rint(16.0 * ((pixels + 0.5) * scale - 0.5)).astype(np.int64).tolist()
     return fine
-
-
-def _text(picture: npt.NDArray[np.uint8], text: str) -> None:
-    """At the foot, on a dark ground; nothing where there is nothing to say."""
-    if not text:
-        return
-    cv2 = opencv()
-    lines = textwrap.wrap(text.encode("ascii", "replace").decode(), max(picture.shape[1] // 8, 20))
-    top = picture.shape[0] - _LINE * len(lines) - 6
-    picture[max(top, 0) :] //= 4
-    for k, line in enumerate(lines):
-        at = (8, top + _LINE * (k + 1) - 4)
-        cv2.putText(picture, line, at, cv2.FONT_HERSHEY_SIMPLEX, _LETTERS, _TEXT, 1, cv2.LINE_AA)

@@ -13,9 +13,9 @@ from cpcal.vision.calibrate import calibrate_from_images
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.target_print import dark_squares
 from cpcal.vision.measure import NotMeasured, measure_pose
-from cpcal.vision.opencv import opencv
+from cpcal.vision.opencv import Grey, opencv
 from cpcal.vision.pose import estimate_pose
-from cpcal.vision.render import Image, Scene, exposed, overlay, render
+from cpcal.vision.render import Scene, exposed, overlay, render
 from cpcal.vision.target import Board, Target, target_from
 
 CAMERA = Camera(640, 480, [800.0, 802.0], [322.0, 238.0], [-0.12, 0.05, 3e-4, -2e-4, 0.0])
@@ -31,7 +31,7 @@ def seen_at(depth: float, *vector: float, target: Target) -> Pose:
     return Pose(np.array([8.0, -5.0, depth]) - pose.rotation @ target.points.mean(axis=0), quaternion)
 
 
-def photographed(target: Target, camera: Camera, pose: Pose, scene: Scene, seed: int = 0) -> Image:
+def photographed(target: Target, camera: Camera, pose: Pose, scene: Scene, seed: int = 0) -> Grey:
     """A printed board, whose picture is looked up along the ray of every fine pixel."""
     if not target.printed:
         return render(target, camera, pose, scene, seed=seed)
@@ -145,7 +145,7 @@ LENS = [-0.0450238, -0.00447247, 0.00013755, -0.000281302, 0.866311]
 ROBOT_CAMERA = Camera(1920, 1200, [2069.9, 2069.45], [955.283, 588.688], LENS)
 
 
-def opencv_rms(image: Image, target: Target) -> tuple[Floats, float]:
+def opencv_rms(image: Grey, target: Target) -> tuple[Floats, float]:
     """OpenCV's centres, and what its pose leaves of them, pixels per axis."""
     cv2 = opencv()
     flags = cv2.CALIB_CB_ASYMMETRIC_GRID | cv2.CALIB_CB_CLUSTERING

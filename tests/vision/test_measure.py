@@ -17,7 +17,7 @@ def test_poses_at_the_nominal_setting() -> None:
         image = render(DELTALAB_TARGET, DELTALAB_CAMERA, one(poses, k), seed=k)
         found = measure_pose(image, DELTALAB_TARGET, DELTALAB_CAMERA)
         errors.append(pose_error(one(poses, k), found.estimate))
-        squares.append(errors[-1] @ np.linalg.solve(found.covariance, errors[-1]) / 6.0)
+        squares.append(errors[-1] @ np.linalg.solve(found.estimate.covariance, errors[-1]) / 6.0)
     rms = np.sqrt(np.square(errors).mean(axis=0))
     assert max(rms[:3]) < 0.01
     assert np.degrees(max(rms[3:])) < 0.003
@@ -33,7 +33,7 @@ def test_missing_dots_are_named_and_do_no_harm() -> None:
     assert np.isin(hidden, found.identification.missing).all()
     assert not np.isin(hidden, found.identification.numbers).any()
     error = pose_error(pose, found.estimate)
-    assert error @ np.linalg.solve(found.covariance, error) < 22.5  # 99.9 % of six degrees of freedom
+    assert error @ np.linalg.solve(found.estimate.covariance, error) < 22.5  # 99.9 % of six degrees of freedom
 
 
 REASONS = {

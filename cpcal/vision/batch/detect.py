@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.common.codec import decoded, encoded
 from cpcal.common.documents import csv_table
@@ -321,7 +320,7 @@ class Detection:
         return not self.reason
 
 
-def values_of(detections: Iterable[Detection]) -> npt.NDArray[np.float64]:
+def values_of(detections: Iterable[Detection]) -> Floats:
     """(m, 24): the numbers of those that have a pose."""
     rows = [d.values for d in detections if d.found]
     return np.array(rows, dtype=np.float64).reshape(len(rows), len(NUMBERS))

@@ -28,8 +28,8 @@ from cpcal.vision.batch.detect import (
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.image_file import UnreadableImageError
 from cpcal.vision.measure import measure_pose
-from cpcal.vision.opencv import opencv
-from cpcal.vision.render import Image, Scene, overlay, refusal, render
+from cpcal.vision.opencv import Grey, opencv
+from cpcal.vision.render import Scene, overlay, refusal, render
 from cpcal.vision.target import Target
 
 MEAN = "mean"  # the name of an image that is the mean of a run's others
@@ -78,7 +78,7 @@ class RenderedImages:
         """Of the target in the camera frame, in the image of that name."""
         return self.poses.rows(self.names.index(name))
 
-    def read(self, name: str) -> Image:
+    def read(self, name: str) -> Grey:
         scene = self.scene
         if PurePosixPath(name).stem == MEAN:
             scene = replace(scene, noise=scene.noise / math.sqrt(10.0))

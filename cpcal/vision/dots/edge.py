@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from cpcal.common.values import Floats
 from cpcal.solver.compiled import compiled
-from cpcal.vision.dots.segmentation import Grey
+from cpcal.vision.opencv import Grey
 from cpcal.vision.pose import solved
 from cpcal.vision.projection import eigenvalues
 
@@ -380,12 +380,6 @@ class Edges:
         axes = 1.0 / np.sqrt(np.maximum(eigenvalues(conic), 1e-12))
         axes[np.isnan(self.blur)] = np.nan
         return axes
-
-    @property
-    def extent(self) -> Floats:
-        """(n, 2) half the sides of the upright box around the ellipse, pixels."""
-        xx, xy, yy = self.conic[:, 0, 0], self.conic[:, 0, 1], self.conic[:, 1, 1]
-        return np.sqrt(np.stack([yy, xx], axis=1) / (xx * yy - xy * xy)[:, None])
 
 
 def fitted_edges(grey: Grey, center: Floats, spread: Floats, room: Floats, light: Floats, used: int = PLAIN) -> Edges:

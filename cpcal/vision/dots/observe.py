@@ -19,7 +19,6 @@ import numpy.typing as npt
 from cpcal.common.values import Bools, Floats, fill, frozen_array
 from cpcal.vision.dots.edge import LINEAR, OUTSIDE, PLAIN, Edges, fitted_edges
 from cpcal.vision.dots.segmentation import (
-    Grey,
     Spots,
     Survey,
     eight_bits,
@@ -30,6 +29,7 @@ from cpcal.vision.dots.segmentation import (
     spots,
     surveys,
 )
+from cpcal.vision.opencv import Grey
 from cpcal.vision.projection import median
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -333,7 +333,9 @@ def _quality(edges: Edges, noise: float) -> Floats:
 def _dot_like(found: Spots, edges: Edges, noise: float, shape: tuple[int, ...]) -> Bools:
     """Which (n,) of the fits are dots for themselves."""
     axes, radius, contrast = edges.axes, found.radius, edges.contrast if found.bright else -edges.contrast
-    size, around = np.sqrt(axes.prod(axis=1)), _CLEAR * edges.blur[:, None] + edges.extent
+    size, (xx, xy, yy) = np.sqrt(axes.prod(axis=1)), edges.conic[:, [0, 0, 1], [0, 1, 1]].T
+    half = np.sqrt(np.stack([yy, xx], axis=1) / (xx * yy - xy * xy)[:, None])  # sides of the box around the ellipse
+    around = _CLEAR * edges.blur[:, None] + half
     with np.errstate(invalid="ignore"):
         fullness = 1.0 - np.exp(-0.5 * (size / edges.blur) ** 2)  # of the contrast, in a dot's middle
         tests = (

@@ -17,13 +17,11 @@ from scipy.spatial import cKDTree
 
 from cpcal.common.errors import unusable
 from cpcal.common.values import Bools, Floats
-from cpcal.vision.opencv import opencv
+from cpcal.vision.opencv import Grey, Grey8, opencv
 from cpcal.vision.projection import eigenvalues, median
 
 # ------------------------------------------------------------------------------------------------------------------
 # What counts as an image, and its grey levels.
-
-Grey = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 _MEDIAN = 0.6745 * float(np.sqrt(6.0))  # of the second difference of pixels with a noise of 1
 _ROUNDING = float(np.sqrt(1.0 / 12.0))
@@ -66,7 +64,7 @@ def _problem(image: object) -> str | None:
     return None
 
 
-def eight_bits(grey: Grey) -> npt.NDArray[np.uint8]:
+def eight_bits(grey: Grey) -> Grey8:
     """The same with 8 bits: 16 bits are stretched so that the darkest and the brightest 0.05 % saturate."""
     if isinstance(grey[0, 0], np.uint8):
         return grey.astype(np.uint8, copy=False)
@@ -74,7 +72,7 @@ def eight_bits(grey: Grey) -> npt.NDArray[np.uint8]:
     low, high = np.quantile(grey[::step, ::step], [0.0005, 0.9995])
     scale = 255.0 / max(float(high - low), 255.0)
     lifted = np.maximum(grey, np.uint16(low))
-    out: npt.NDArray[np.uint8] = opencv().convertScaleAbs(lifted, alpha=scale, beta=-float(low) * scale)
+    out: Grey8 = opencv().convertScaleAbs(lifted, alpha=scale, beta=-float(low) * scale)
     return out
 
 
@@ -134,7 +132,6 @@ def ellipses(outlines: Sequence[Any], width: int, height: int) -> tuple[Floats, 
     return origin + np.stack([x, y], axis=1), spread, keep
 
 
-Grey8 = npt.NDArray[np.uint8]
 Image = TypeVar("Image", bound=npt.NDArray[Any])
 
 _NEIGHBOURS = 5  # the nearest by their centres: one of them is the nearest by its edge
@@ -198,20 +195,22 @@ def surveys(image: Grey8, half: Grey8, bright: bool) -> Iterator[Survey]:
     """First looks at an image's bright or dark dots, the likelier first: of each size that many spots have, because
     specks of a background may outnumber the dots. None without spots. `half` is the image at half its size. Of a large
     image those of its half come first, where it shows spots that are large enough for that."""
+    least = max(_NOISE * noise_level(image), _LEAST)
     if image.size >= _LARGE:
-        least = max(_NOISE * noise_level(image), _LEAST)
         for one in surveys(half, halved(half), bright):
             if one.number >= _ENOUGH and 2.0 * _SMALL <= one.radius <= 0.5 * _LARGEST:
                 yield replace(one, radius=2.0 * one.radius, contrast=max(least, one.contrast))
     if min(image.shape) >= _SMALLEST:
-        least, mean = max(_NOISE * noise_level(half), _LEAST), opencv().blur(half, (_WIDEST, _WIDEST))
-        some = _standing_out(_excess(half, mean, bright), least, bright)
+        mean = opencv().blur(half, (_WIDEST, _WIDEST))
+        some = _standing_out(_excess(half, mean, bright), max(_NOISE * noise_level(half), _LEAST), bright)
         sizes = _by_size(Spots(2.0 * some.center + 0.5, 4.0 * some.spread, bright))
         if not sizes or len(sizes[0]) < _ENOUGH or median(sizes[0].radius) < _SMALL:
-            least = max(_NOISE * noise_level(image), _LEAST)
             near = _by_size(_standing_out(_excess(image, _mean(image, half, _NARROW), bright), least, bright))
             sizes = max(sizes, near, key=lambda found: len(found[0]) if found else 0)
-        yield from (_survey(image, half, mean, found) for found in sizes)
+        for found in sizes:
+            at = np.minimum((0.5 * found.center).astype(np.int64), np.array(half.shape[::-1]) - 1)
+            contrast = np.abs(half[at[:, 1], at[:, 0]].astype(np.float64) - mean[at[:, 1], at[:, 0]])
+            yield Survey(bright, len(found), median(found.radius), max(least, _CONTRAST * median(contrast)))
 
 
 def _by_size(found: Spots) -> list[Spots]:
@@ -235,13 +234,6 @@ def _mean(image: Grey8, half: Grey8, side: float) -> Grey8:
     cv2 = opencv()
     mean: Grey8 = cv2.resize(cv2.blur(half, (odd, odd)), image.shape[::-1], interpolation=cv2.INTER_LINEAR)
     return mean
-
-
-def _survey(image: Grey8, half: Grey8, mean: Grey8, found: Spots) -> Survey:
-    at = np.minimum((0.5 * found.center).astype(np.int64), np.array(half.shape[::-1]) - 1)
-    contrast = np.abs(half[at[:, 1], at[:, 0]].astype(np.float64) - mean[at[:, 1], at[:, 0]])
-    least = max(_NOISE * noise_level(image), _LEAST, _CONTRAST * median(contrast))
-    return Survey(found.bright, len(found), median(found.radius), least)
 
 
 def spots(image: Grey8, half: Grey8, survey: Survey) -> Spots:
@@ -270,10 +262,7 @@ def _standing_out(excess: Grey8, least: float, bright: bool, usual: float | None
     (or darker) than around: of an excess that is used up, because fresh memory would take longer than the threshold."""
     cv2 = opencv()
     mask = cv2.threshold(excess, least, 255.0, cv2.THRESH_BINARY, dst=excess)[1]
-    outlines = (
-        () if _too_many(mask) else cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)[0]
-    )  # corners do
-    if not outlines:
+    if _too_many(mask) or not (outlines := cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)[0]):
         return Spots(np.zeros((0, 2)), np.zeros((0, 2, 2)), bright)
     center, spread, keep = ellipses(outlines, mask.shape[1], mask.shape[0])
     found = Spots(center[keep], spread[keep], bright)

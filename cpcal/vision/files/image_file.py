@@ -9,10 +9,9 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.common.errors import CpcalError
-from cpcal.vision.opencv import opencv
+from cpcal.vision.opencv import Grey, opencv
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 PIXELS_MAX = 100_000_000  # of an image that is read at all
@@ -42,7 +41,7 @@ def image_path(folder: Path, name: str) -> Path:
     return folder / os.fsdecode(re.sub(rb"\\x([89a-f][0-9a-f])", lambda x: bytes.fromhex(x[1].decode()), name.encode()))
 
 
-def read_image(path: Path, size: tuple[int, int] | None = None) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint16]:
+def read_image(path: Path, size: tuple[int, int] | None = None) -> Grey:
     """The image (height, width) or (height, width, 3), blue first; `size` (width, height), where given, is the only one
     that is accepted. What is too large, or of another size, is refused before it is decoded.
 
