@@ -29,8 +29,6 @@ from cpcal.common.files import write_file
 T = TypeVar("T")
 
 INFORMATION = "information"  # the key, and how it is checked: not at all
-INFORMED: Mapping[str, Any] = {"checked": INFORMATION}
-Informed = Annotated[T, INFORMED]
 _NUMBERS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 
 
@@ -39,19 +37,13 @@ def checked(how: str, *by: str, json: str | None = None) -> dict[str, Any]:
     return {"checked": how, "by": by} | ({} if json is None else {"json": json})
 
 
-def informed(json: str) -> dict[str, Any]:
-    """The annotation of a field that is checked by nothing, and has another key."""
-    return {**INFORMED, "json": json}
-
-
-def text_of(value: Any, format: str) -> str:
-    """The file of a dataclass, as text."""
-    return json.dumps({"format": format, **encoded(value)}, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+Informed = Annotated[T, checked(INFORMATION)]
 
 
 def save(value: Any, path: Path, format: str) -> Path:
     """Write a dataclass to a file, all or nothing; its path. Raises InputError."""
-    return write_file(path, text_of(value, format))
+    document = {"format": format, **encoded(value)}
+    return write_file(path, json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
 
 
 def load(kind: type[T], path: Path, format: str, *, remedy: str) -> T:

@@ -54,9 +54,10 @@ def csv_table(header: Sequence[str], rows: Iterable[Iterable[str | float | None]
     return buffer.getvalue().encode()
 
 
-def number_pattern(decimal: str) -> re.Pattern[str]:
-    """Numbers as people and programs write them, in the digits 0 to 9; `decimal`: the sign between whole and rest."""
-    return re.compile(rf"[-+]?(\d+(\{decimal}\d*)?|\{decimal}\d+)(e[-+]?\d+)?", re.ASCII | re.IGNORECASE)
+# Numbers as people and programs write them, in the digits 0 to 9, by the sign between whole and rest.
+NUMBERS = {
+    sign: re.compile(rf"[-+]?(\d+(\{sign}\d*)?|\{sign}\d+)(e[-+]?\d+)?", re.ASCII | re.IGNORECASE) for sign in ".,"
+}
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -49,7 +49,7 @@ def as_floats(values: npt.ArrayLike) -> Floats:
 _V = TypeVar("_V")
 
 
-def frozen_array(values: npt.ArrayLike) -> npt.NDArray[np.float64]:
+def frozen_array(values: npt.ArrayLike) -> Floats:
     """A private, read-only, C-ordered float64 copy. Raises TypeError or ValueError for what is no real number."""
     array = np.array(as_floats(values), order="C")
     array.setflags(write=False)

@@ -26,11 +26,11 @@ from cpcal.files.settings import (
     read_study_settings,
     toml_bytes,
 )
-from cpcal.files.tables import Table, read_table
+from cpcal.files.tables import QUATERNION, Table, read_table
 from cpcal.robot import Campaign, PoseTable, Robot, Study
 from cpcal.robot.campaign import ARRAYS
 from cpcal.robot.robot import KINDS, Uncertainty
-from cpcal.robot.units import SHARED_COLUMNS, ModelChoice, half_widths
+from cpcal.robot.units import SHARED_COLUMNS, ModelChoice, override_columns
 
 _ABSENT = "a campaign is a folder with the two files campaign.toml and measurements.csv"
 
@@ -51,11 +51,23 @@ def load_campaign(path: str | os.PathLike[str]) -> Campaign:
     settings = read_settings(folder / TOML_NAME, problems, _ABSENT)
     table = read_table(folder / CSV_NAME, settings.legs, problems, _ABSENT)
     problems.raise_any(YOUR_DATA)
-    robot = settings.robot
+    campaign = campaign_of_table(table, settings)
+    fill(campaign, files=((TOML_NAME, settings.sha256), (CSV_NAME, table.sha256)))
+    return campaign
+
+
+def campaign_of_table(table: Table, settings: Settings) -> Campaign:
+    """Of a table as measurements.csv has it: override columns count where they are not NaN."""
+    robot, stated = settings.robot, settings.uncertainty
     assert robot is not None  # what keeps it from being read is a problem, and was raised
-    stated = np.zeros(6 + robot.legs) if settings.uncertainty is None else settings.uncertainty.half_widths
-    radii = half_widths(stated, table.values, robot.legs, len(table.names["pose"]))
-    campaign = Campaign(
+    radii = np.zeros((len(table.names["pose"]), 6 + robot.legs))
+    if stated is not None:
+        radii[:] = stated.half_widths
+    for column, name in enumerate(override_columns(robot.legs)):
+        if name in table.values:
+            own = ~np.isnan(table.values[name])
+            radii[own, column] = table.values[name][own]
+    return Campaign(
         robot,
         tuple(table.names["pose"]),
         tuple(table.names["run"]),
@@ -63,12 +75,10 @@ def load_campaign(path: str | os.PathLike[str]) -> Campaign:
         radii[:, :3],
         radii[:, 3:6],
         radii[:, 6:],
-        uncertainty=settings.uncertainty,
+        uncertainty=stated,
         provenance=settings.provenance,
         model=settings.model,
     )
-    fill(campaign, files=((TOML_NAME, settings.sha256), (CSV_NAME, table.sha256)))
-    return campaign
 
 
 def _existing(path: str | os.PathLike[str], absent: str, see: str = "") -> Path:
@@ -92,7 +102,7 @@ def load_settings(path: str | os.PathLike[str]) -> Settings:
 def _readings(table: Table, legs: int) -> tuple[Floats, Floats, Floats]:
     """Positions (N, 3), quaternions (N, 4) and leg readings (N, n)."""
     lengths = table.columns(*(f"L{i}" for i in range(1, legs + 1)))
-    return table.columns("x", "y", "z"), table.columns("qw", "qx", "qy", "qz"), lengths
+    return table.columns(*"xyz"), table.columns(*QUATERNION), lengths
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ import csv
 import itertools
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
@@ -24,15 +24,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.documents import number_pattern
+from cpcal.common.documents import NUMBERS
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import TEXT_MAX, listed, small_file
 from cpcal.common.numbers import about
 from cpcal.common.values import Floats
-from cpcal.files.folders import load_settings
+from cpcal.files.folders import campaign_of_table, load_settings
 from cpcal.files.settings import Settings
+from cpcal.files.tables import QUATERNION, Table
 from cpcal.robot import EXACT_OR_NOT, ROBOTS, Campaign, Robot, known_robot
-from cpcal.robot.campaign import ARRAYS, stated_uncertainty
+from cpcal.robot.campaign import stated_uncertainty
 from cpcal.robot.units import (
     ANGLES,
     FORMS,
@@ -41,14 +42,12 @@ from cpcal.robot.units import (
     RotationForm,
     column_map,
     columns_by_name,
-    half_widths,
     override_columns,
     units_of,
 )
 
 LOG_MAX = 2**27  # bytes
 _COMMENT = re.compile(r"\s*(#|%|//|!)")
-_NUMBERS = {sign: number_pattern(sign) for sign in ".,"}
 _UNITS = re.compile(r"[\[(]?(mm|cm|m|um|µm|in|rad|deg|°|s|ms|-|)[\])]?")
 _LEAST = 3  # numbers in a row of measurements
 _LOOKED_AT = 2_000  # lines, to guess from
@@ -122,7 +121,7 @@ def _cells(line: str, separator: str) -> list[str]:
 
 
 def _numbers(cells: list[str], sign: str) -> int:
-    return sum(_NUMBERS[sign].fullmatch(cell) is not None for cell in cells)
+    return sum(NUMBERS[sign].fullmatch(cell) is not None for cell in cells)
 
 
 def _guessed(lines: list[str], where: str) -> tuple[str, str, int]:
@@ -262,19 +261,15 @@ def _mapped(
     return found, form
 
 
-def _values(
-    log: Log, found: Mapping[str, ColumnSource], form: RotationForm
-) -> tuple[dict[str, list[str]], dict[str, Floats]]:
+def _table(log: Log, found: Mapping[str, ColumnSource], form: RotationForm) -> Table:
     """The names in a log, and its numbers in mm and rad. Raises InputError with every cell that is no number, by its
     line."""
-    names: dict[str, list[str]] = {}
-    values: dict[str, Floats] = {}
-    problems, number = Problems(), _NUMBERS[log.decimal]
+    table, problems, number = Table(), Problems(), NUMBERS[log.decimal]
     for target, source in found.items():
         place, units, texts = source.place(log.titles), units_of(target), list[str]()
         assert place is not None  # who found it raised otherwise
         if target in ("pose", "run"):
-            names[target] = [row[place] for row in log.rows]
+            table.names[target] = [row[place] for row in log.rows]
             continue
         for line, row in zip(log.lines, log.rows, strict=True):
             good = number.fullmatch(row[place])
@@ -284,22 +279,18 @@ def _values(
                 problems.add(Problem(log.where, what, "mend the cell, or make the line a comment with #", line))
         if "mm" in units:
             size = LENGTHS[source.unit or (form.length if target in "xyz" else "") or "mm"]
-            values[target] = np.array([float(Decimal(text) * size) for text in texts])
+            table.values[target] = np.array([float(Decimal(text) * size) for text in texts])
         else:
             unit = source.unit or (form.unit if target in form.columns else "rad")
-            values[target] = units.get(unit, 1.0) * np.array([float(text) for text in texts])
+            table.values[target] = units.get(unit, 1.0) * np.array([float(text) for text in texts])
     problems.raise_any(YOUR_DATA)
-    return names, values
+    return table
 
 
-def _stacked(values: Mapping[str, Floats], columns: Iterable[str]) -> Floats:
-    return np.stack([values[name] for name in columns], axis=1)
-
-
-def _quaternions(log: Log, form: RotationForm, values: Mapping[str, Floats]) -> Floats:
+def _quaternions(log: Log, form: RotationForm, table: Table) -> Floats:
     """(N, 4). Raises InputError, with the log's line instead of a row's number."""
     try:
-        return replace(form, unit="rad").quaternions(_stacked(values, form.columns))
+        return replace(form, unit="rad").quaternions(table.columns(*form.columns))
     except InputError as error:
         lined = []
         for problem in error.problems:
@@ -321,31 +312,17 @@ def campaign_of_log(
     ... in the order of the rows; runs that are not named tell equal poses apart. Raises InputError with every cell that
     is no number, by its line.
     """
-    robot, stated, count = settings.robot, settings.uncertainty, len(log.rows)
-    assert robot is not None  # what keeps it from being read was raised
-    found, form = _mapped(columns, log.titles, robot.legs, rotation)
-    names, values = _values(log, found, form)
-    pose = names.get("pose") or [f"p{row}" for row in range(1, count + 1)]
+    assert settings.robot is not None  # what keeps it from being read was raised
+    found, form = _mapped(columns, log.titles, settings.robot.legs, rotation)
+    table = _table(log, found, form)
+    table.values |= zip(QUATERNION, _quaternions(log, form, table).T, strict=True)
+    pose = table.names.setdefault("pose", [f"p{row}" for row in range(1, len(log.rows) + 1)])
     counts: dict[str, Iterator[int]] = defaultdict(lambda: itertools.count(1))
-    runs = names.get("run") or [str(next(counts[name])) for name in pose]
-    quaternion = _quaternions(log, form, values)
-    radii = half_widths(np.zeros(6 + robot.legs) if stated is None else stated.half_widths, values, robot.legs, count)
+    table.names.setdefault("run", [str(next(counts[name])) for name in pose])
     entries = (f'{target}="{source.name}"[{source.unit or ""}]' for target, source in found.items())
     told = "".join(c for c in ", ".join(entries).replace("[]", "") if c.isprintable())[:TEXT_MAX]
     made = {"imported_from": Path(log.where).name, "rotation_form": form.name, "columns": told}
-    return Campaign.of(
-        robot,
-        _stacked(values, "xyz"),
-        quaternion,
-        _stacked(values, (f"L{i}" for i in range(1, robot.legs + 1))),
-        pose=pose,
-        run=runs,
-        uncertainty=stated,
-        exact=stated is None,
-        **dict(zip(ARRAYS[3:], np.split(radii, [3, 6], axis=1), strict=True)),
-        provenance={**settings.provenance, **made},
-        model=settings.model,
-    )
+    return campaign_of_table(table, replace(settings, provenance={**settings.provenance, **made}))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -373,13 +350,13 @@ def poses_of_log(log: Log, rotation: str | None = None, unit: str = "") -> tuple
         if form is None:
             raise unusable(log.where, what, f"state --rotation: {FORMS}")
         raise unusable(log.where, what, f"call them image, x, y, z, {', '.join(form.columns)}")
-    names, values = _values(log, found, replace(form, length=unit or form.length))
-    place = _stacked(values, "xyz")
+    table = _table(log, found, replace(form, length=unit or form.length))
+    place = table.columns(*"xyz")
     largest = float(np.abs(place).max())
     if not unit and not any(found[axis].unit for axis in "xyz") and not _NEAR <= largest < _FAR:
         what = f"has the hand at most {about(largest, 2)} mm from the base, if its lengths are in {form.length or 'mm'}"
         raise unusable(log.where, what, "say the unit in the names, as in x_m, or with --unit")
-    return names.get("pose", []), place, _quaternions(log, form, values)
+    return table.names.get("pose", []), place, _quaternions(log, form, table)
 
 
 def _titled(log: Log, form: RotationForm | None) -> Log:
@@ -393,7 +370,7 @@ def _titled(log: Log, form: RotationForm | None) -> Log:
     if width - len(header) not in (0, 1):
         what = f"has no names of columns, and {width} of them"
         raise unusable(log.where, what, f"add a line such as image,x,y,z,rx,ry,rz, and state --rotation: {FORMS}")
-    number = _NUMBERS[log.decimal]
+    number = NUMBERS[log.decimal]
     for line, row in zip(lines, rows, strict=True) if matrices else ():
         last = [float(cell.replace(log.decimal, ".")) for cell in row[-4:] if number.fullmatch(cell)]
         if last != [0.0, 0.0, 0.0, 1.0]:

@@ -67,13 +67,12 @@ def answers_into(folder: str | os.PathLike[str], kind: FolderKind, campaign: Cam
         try:
             draft.mkdir()
             if campaign is not None:
-                from cpcal.files.folders import (
-                    save_campaign_json,
-                )  # here: arrays take a tenth of a second to load
+                from cpcal.files.folders import save_campaign_json  # here: arrays take a tenth of a second to load
 
                 save_campaign_json(campaign, draft)
             yield draft
-            lock.check(target)
+            if not lock.holds(target):
+                raise OSError(0, "the folder was taken away while the answers were found")
             put_in_place(
                 draft,
                 target,
@@ -113,12 +112,8 @@ class Lock:
 
     descriptor: int
 
-    def check(self, folder: Path) -> None:
-        """OSError when the folder is no longer the one that was locked."""
-        if not self.holds(folder):
-            raise OSError(0, "the folder was taken away while the answers were found")
-
     def holds(self, folder: Path) -> bool:
+        """Whether the folder is still the one that was locked."""
         try:
             there = os.lstat(folder / LOCK_NAME)
         except OSError:

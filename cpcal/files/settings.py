@@ -64,7 +64,7 @@ def toml_bytes(campaign: Campaign) -> bytes:
 def csv_bytes(campaign: Campaign) -> bytes:
     """The canonical measurements.csv; an override column is there only where some row needs it."""
     radii = np.concatenate([campaign.position_radius, campaign.rotation_radius, campaign.length_radius], axis=1)
-    stated = np.zeros(6 + campaign.legs) if campaign.uncertainty is None else campaign.uncertainty.half_widths
+    stated = 0.0 if campaign.uncertainty is None else campaign.uncertainty.half_widths
     own = np.where(radii != stated, radii, np.array(None)).T.tolist()
     widths = zip(override_columns(campaign.legs), own, strict=True)
     return _rows(campaign, {}, {name: column for name, column in widths if any(v is not None for v in column)})
@@ -131,8 +131,7 @@ def table_bytes(table: PoseTable) -> bytes:
 # ------------------------------------------------------------------------------------------------------------------
 # Reads campaign.toml: every problem with its line number, whatever the state of the rest.
 
-_SIGMA_KEYS = ("position_sigma", "rotation_sigma", "length_sigma")
-_WIDTH_KEYS = ("position_half_width", "rotation_half_width", "length_half_width")
+_SIGMA_KEYS, _WIDTH_KEYS = (tuple(f"{kind}_{suffix}" for kind in KINDS) for suffix in ("sigma", "half_width"))
 _STATED = (("factor", *_SIGMA_KEYS), _WIDTH_KEYS, ("exact",))
 
 

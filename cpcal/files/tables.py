@@ -17,9 +17,8 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-from cpcal.common.documents import csv_table, number_pattern, unguarded
+from cpcal.common.documents import NUMBERS, csv_table, unguarded
 from cpcal.common.errors import Problem, Problems, shown, unusable
 from cpcal.common.files import IDENTIFIER_REMEDY, is_identifier, small_file
 from cpcal.common.values import LARGEST, Floats
@@ -33,10 +32,7 @@ ROWS_MAX = 1_000_000  # measurements in a table: some 60 s and 2 GB to read and 
 TABLE_MAX = 2**30  # bytes
 
 _IDENTIFIERS = ("pose", "run", "image", "point")
-_QUATERNION = ("qw", "qx", "qy", "qz")
-
-
-_NUMBER = number_pattern(".")
+QUATERNION = ("qw", "qx", "qy", "qz")
 
 
 @dataclass
@@ -46,10 +42,10 @@ class Table:
     """
 
     names: dict[str, list[str]] = field(default_factory=dict)
-    values: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict)
+    values: dict[str, Floats] = field(default_factory=dict)
     sha256: str = ""
 
-    def columns(self, *names: str) -> npt.NDArray[np.float64]:
+    def columns(self, *names: str) -> Floats:
         """Some of the numbers, (N, len(names))."""
         return np.stack([self.values[name] for name in names], axis=1)
 
@@ -180,7 +176,7 @@ class _Reader:
                     which = " ".join(f"{column} {shown(text)}" for column, text in names.items())
                     self.wrong(f"{which} was given on line {first} already", f"give each {' and '.join(names)} once")
                 row = {name: self.number(name, cells[place]) for name, place in places.items()}
-                turn = [row[name] for name in _QUATERNION if name in row]
+                turn = [row[name] for name in QUATERNION if name in row]
                 if len(turn) == 4 and abs((norm := math.hypot(*turn)) - 1.0) > QUATERNION_TOLERANCE:  # False for NaN
                     self.wrong(*quaternion_problem(norm))
                 numbers.extend(row.values())
@@ -204,7 +200,7 @@ class _Reader:
     def number(self, name: str, cell: str) -> float:
         """The number in a cell; NaN where it is left empty and may be, as half-widths, or where it was reported."""
         text, optional = cell.strip(), name.startswith("d")
-        if not _NUMBER.fullmatch(text):
+        if not NUMBERS["."].fullmatch(text):
             if text:
                 self.wrong(
                     f"{name}: {shown(cell)} is not a number", "write a number like -12.5 or 1e-3, in the digits 0 to 9"
@@ -244,15 +240,10 @@ def load_poses(path: str | os.PathLike[str]) -> tuple[tuple[str, ...], Pose]:
 Readings = dict[tuple[str, str], Floats]  # (n,) mm
 
 
-def readings_of(table: PoseTable) -> Readings:
-    """The leg readings of a table by pose and run."""
-    return {(pose, run): row for pose, run, row in zip(table.pose, table.run, table.length, strict=True)}
-
-
-def readings_bytes(readings: Readings) -> bytes:
+def readings_bytes(table: PoseTable) -> bytes:
     """The table pose,run,L1,...,Ln in mm; floats by repr, so that they are read back bit for bit."""
-    header = _reading_columns(len(next(iter(readings.values()), ())))
-    return csv_table(header, ([*key, *row.tolist()] for key, row in readings.items()))
+    of_runs = dict(zip(zip(table.pose, table.run, strict=True), table.length.tolist(), strict=True))
+    return csv_table(_reading_columns(table.legs), ([*key, *row] for key, row in of_runs.items()))
 
 
 def load_readings(path: Path) -> Readings:

@@ -87,7 +87,6 @@ class Token:
     text: str
     line: int
     column: int
-    value: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -165,7 +164,7 @@ class _Parser:
             if kind == "name" and text in _KEYWORDS:
                 yield Token("keyword", _KEYWORDS[text], line, column)
             elif kind != "space":
-                yield Token(str(kind), text, line, column, float(text) if kind == "number" else 0.0)
+                yield Token(str(kind), text, line, column)
             count += kind != "space"
             line += text.count("\n")
             if "\n" in text:
@@ -365,7 +364,7 @@ class _Evaluator(_Parser):
         kind, token = node.kind, node.token
         with self.placed(token):
             if kind == "number":
-                return Fraction(token.value)
+                return Fraction(float(token.text))
             if kind == "name":
                 if token.text not in names:
                     raise self.wrong(f"{shown(token.text)} is not declared", "declare it before it is used", token)

@@ -12,8 +12,7 @@ from functools import reduce
 
 import numpy as np
 
-from cpcal.common.errors import CpcalError, InputError, shown
-from cpcal.common.errors import Problem as Wrong
+from cpcal.common.errors import CpcalError, InputError, shown, unusable
 from cpcal.common.values import Floats
 from cpcal.problems.values import (
     StatedProblem,
@@ -142,7 +141,7 @@ class _Reader:
 
     def wrong(self, what: str, remedy: str) -> InputError:
         line = min(max(self.at, 1), max(len(self.lines), 1))
-        return InputError([Wrong(self.where, what, remedy, line)])
+        return unusable(self.where, what, remedy, line)
 
     # the header -------------------------------------------------------------------------------
 

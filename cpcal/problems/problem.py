@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cpcal.common.errors import InputError, ModelError
-from cpcal.common.errors import Problem as Wrong
+from cpcal.common.errors import InputError, ModelError, unusable
 from cpcal.common.files import small_file
 from cpcal.common.numbers import at_most, bracket_text
 from cpcal.problems.minibex import read_minibex
@@ -33,12 +32,12 @@ def load_problem(path: Path) -> StatedProblem:
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         what = "is neither Minibex (.bch, .mbx) nor AMPL's .nl"
-        raise InputError([Wrong(str(path), what, "give it the suffix of what it is")])
+        raise unusable(str(path), what, "give it the suffix of what it is")
     content = small_file(path, "give a file of a problem", most=MOST)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise InputError([Wrong(str(path), "is no UTF-8 text", "save it as UTF-8 text")]) from None
+        raise unusable(str(path), "is no UTF-8 text", "save it as UTF-8 text") from None
     return reader(text, str(path))
 
 

@@ -10,7 +10,7 @@ from typing import Annotated
 import pytest
 
 from cpcal import Box, InputError
-from cpcal.common.codec import load, save, text_of
+from cpcal.common.codec import encoded, load, save
 
 FORMAT = "cpcal-test/1"
 
@@ -58,7 +58,7 @@ def test_what_was_written_comes_back(tmp_path):
     found = load(Outer, path, FORMAT, remedy="again")
     assert found == VALUE
     assert math.copysign(1.0, found.numbers[2]) == -1.0
-    assert text_of(found, FORMAT) == path.read_text(encoding="utf-8")
+    assert save(found, tmp_path / "again.json", FORMAT).read_bytes() == path.read_bytes()
     assert json.loads(path.read_text())["called"] is True
     assert [p.name for p in path.parent.iterdir()] == ["x.json"]
 
@@ -94,7 +94,7 @@ def test_an_empty_box_and_what_is_no_number(tmp_path):
     ],
 )
 def test_other_types_are_refused(tmp_path, key, value, text):
-    data = json.loads(text_of(VALUE, FORMAT)) | {key: value}
+    data = encoded(VALUE) | {"format": FORMAT, key: value}
     (tmp_path / "x.json").write_text(json.dumps(data))
     with pytest.raises(InputError, match=text) as caught:
         load(Outer, tmp_path / "x.json", FORMAT, remedy="certify again")
@@ -103,7 +103,7 @@ def test_other_types_are_refused(tmp_path, key, value, text):
 
 
 def test_every_field_is_needed(tmp_path):
-    data = json.loads(text_of(VALUE, FORMAT))
+    data = {"format": FORMAT, **encoded(VALUE)}
     for key in data:
         (tmp_path / "x.json").write_text(json.dumps({k: v for k, v in data.items() if k != key}))
         with pytest.raises(InputError, match="not of format" if key == "format" else f"lacks {key}"):
