@@ -58,10 +58,10 @@ from cpcal.checker import check_run
 from cpcal.common.values import Floats
 from cpcal.models import fit_model, leg_box, leg_network
 from cpcal.models.leg_set import AskedSet, CertifiedSet, certified_set
-from cpcal.models.platform import pose_bounds
+from cpcal.models.platform import Cells, cell_bounds
 from cpcal.questions.accuracy import FAR, distance_from_measured, expanded_uncertainty, suggested_error
 from cpcal.questions.next_measurement import Polytope, attained
-from cpcal.questions.points import verified_rows
+from cpcal.questions.points import certify_point
 from cpcal.robot import (
     ROBOTS,
     Campaign,
@@ -146,7 +146,7 @@ def accuracy(asked: argparse.Namespace) -> None:
         (position, angle), u = distances(here, commanded), expanded_uncertainty(campaign, robot, commanded)
         errors = [_true_error(campaign, others, leg) for leg in range(1, 7)]
         sets = _sets(campaign, errors, known)
-        found = pose_bounds(commanded, sets)
+        found = cell_bounds(Cells.of_poses(commanded), sets)[1]
         reached = attained(robot, [Polytope.about(campaign, one) for one in sets], sets, commanded)
         outside = int(np.sum((position > found.position) | (angle > found.rotation)))
         ratios = u.max() / position.max(), found.position.max() / position.max(), np.median(found.position / reached)
@@ -176,7 +176,8 @@ def default(asked: argparse.Namespace) -> None:
         commanded = forward_kinematics(Robot.from_parameters("controller", known), readings, here)
         away = distance_from_measured(campaign, readings)
         errors = [suggested_error(campaign, leg, float(away[:, leg - 1].max()))[0] for leg in range(1, 7)]
-        found, (position, angle) = pose_bounds(commanded, _sets(campaign, errors, known)), distances(here, commanded)
+        found = cell_bounds(Cells.of_poses(commanded), _sets(campaign, errors, known))[1]
+        position, angle = distances(here, commanded)
         outside, named = (position > found.position) | (angle > found.rotation), (away > FAR).any(axis=1)
         row = [*(int(np.sum(of)) for of in (outside, outside & named, named)), asked.poses]
         counts += row
@@ -189,7 +190,7 @@ def _true_error(campaign: Campaign, others: Campaign, leg: int) -> float:
     of the campaign."""
     start = fit_model(campaign, leg)
     x, error = _least_error(_joined([campaign, others]), leg, start)
-    while verified_rows(campaign, leg, x, error)[1] or verified_rows(others, leg, x, error)[1]:
+    while any(certify_point(given, leg, x, eps=error).fails for given in (campaign, others)):
         error = 1.0001 * error + 1e-7
     return error
 

@@ -121,6 +121,8 @@ _MOST_LEGS = 6  # of which each has a line
 
 def show_result(talk: Talk, campaign: Campaign, result: Result, model: LegModel) -> None:
     """The first screen of the page; with --verbose all of the answer."""
+    if talk.quiet:
+        return
     title = Text(f"{printable(campaign.title)}: {result.campaign.measurements:,} measurements", style="bold")
     if (whole := overall(result)) is not None:
         title.append(f"; tolerance {stated(result.options.tolerance or 0.0)} mm: ")
@@ -173,11 +175,8 @@ def certified_into(run: Path, question: Question, *, talk: Talk, place: Place = 
             raise Stopped(asked() or Reason.INTERRUPTED)
         return result
 
-    def show(result: Result) -> None:
-        if not talk.quiet:
-            show_result(talk, campaign, result, question.model)
-
     page = partial(write_report, campaign, model=question.model)
+    show = partial(show_result, talk, campaign, model=question.model)
     try:
         result = answer(run, RUN, find, save_result, page, show, talk, campaign)
     except OutputError:

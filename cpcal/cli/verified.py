@@ -139,12 +139,11 @@ def _determined(campaign: Campaign, result: Result, leg: LegResult, model: LegMo
     """What the campaign leaves open at the proved point, or the center."""
     if result.options.delta == 0.0:
         return None
-    left = [k for k, name in enumerate(campaign.measurement_ids) if name not in leg.bracket.left_out]
-    campaign = campaign if len(left) == len(campaign) else campaign.rows(left)
+    kept = np.isin(campaign.measurement_ids, leg.bracket.left_out, invert=True)
     try:
         with np.errstate(all="ignore"):
-            at = leg.center if leg.bracket.point is None else leg.bracket.point
-            return determination(campaign, leg.leg, np.array(at), model)
+            at = np.array(leg.bracket.point or leg.center)
+            return determination(campaign.rows(np.flatnonzero(kept)), leg.leg, at, model)
     except np.linalg.LinAlgError:
         return "of a point that is too far away"
 

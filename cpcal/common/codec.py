@@ -14,13 +14,14 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import types
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from enum import Enum
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Generic, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 from cpcal.common.documents import json_object
 from cpcal.common.errors import CpcalError, InputError, shown, unusable
@@ -40,22 +41,32 @@ def checked(how: str, *by: str, json: str | None = None) -> dict[str, Any]:
 Informed = Annotated[T, checked(INFORMATION)]
 
 
-def save(value: Any, path: Path, format: str) -> Path:
-    """Write a dataclass to a file, all or nothing; its path. Raises InputError."""
-    document = {"format": format, **encoded(value)}
-    return write_file(path, json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
+@dataclass(frozen=True)
+class Document(Generic[T]):
+    """The file of a dataclass in a folder: its name, its format, and the `remedy` where it cannot be read."""
 
+    kind: type[T]
+    name: str
+    format: str
+    remedy: str
 
-def load(kind: type[T], path: Path, format: str, *, remedy: str) -> T:
-    """The dataclass that `save` wrote. Raises InputError, which says `remedy`."""
-    data = json_object(path, remedy, remedy)
-    if data.pop("format", None) != format:
-        raise unusable(str(path), f"is not of format {format}", remedy)
-    try:
-        return cast(T, decoded(kind, data))
-    except (ValueError, CpcalError) as error:
-        reason = error.problems[0].what if isinstance(error, InputError) else error
-        raise unusable(str(path), f"lacks or garbles a field: {reason}", remedy) from None
+    def save(self, value: T, folder: str | os.PathLike[str]) -> Path:
+        """Write the file into the folder (made if missing), all or nothing; its path. Raises InputError."""
+        data = {"format": self.format, **encoded(value)}
+        text = json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+        return write_file(Path(folder) / self.name, text)
+
+    def load(self, folder: str | os.PathLike[str]) -> T:
+        """Read the file in the folder. Raises InputError."""
+        path = Path(folder) / self.name
+        data = json_object(path, self.remedy, self.remedy)
+        if data.pop("format", None) != self.format:
+            raise unusable(str(path), f"is not of format {self.format}", self.remedy)
+        try:
+            return cast(T, decoded(self.kind, data))
+        except (ValueError, CpcalError) as error:
+            reason = error.problems[0].what if isinstance(error, InputError) else error
+            raise unusable(str(path), f"lacks or garbles a field: {reason}", self.remedy) from None
 
 
 def encoded(value: Any) -> Any:

@@ -192,8 +192,28 @@ class Prover:
         self, name: str, stage: str, before: Proof, eps: float, images: Sequence[int], end: float, boxes: int = 1,
         coarse: float = 0.0,
     ) -> Proof:  # fmt: skip
+        """One stage, in the box and with the poses of images that a proof before it left."""
         assert before.left is not None
-        found = self._stage(stage, eps, images, before.sets, before.left, end, boxes, coarse)
+        rows = Rows(self.exact, stage, images, F(eps), self.hand, self.board, before.sets, before.left)
+
+        def lifted(i: int, j: int) -> bool:
+            """Poses of images are known so well that their products with the frames' rotations need no columns."""
+            return stage != "links" or (i in _ROTATIONS and j in _ROTATIONS) or (i in R_X and j in E_)
+
+        def say(box: Box | None) -> None:
+            if stage == "image":
+                return
+            width = None if box is None else max(float(box.hi[i] - box.lo[i]) / 2 for i in _ROTATIONS)
+            self.tell(f"{stage}: {'nothing is left' if width is None else f'rotations +-{at_most(width, 2)}'}")
+
+        columns: dict[str, tuple[Sequence[int], ...]] = {
+            "image": (range(12), range(9)),
+            "links": ((*_ROTATIONS, *T_X, *E_, *F_), _ROTATIONS, T_F),
+            "frames": ((*_ROTATIONS, *E_, *F_), _ROTATIONS, (*T_F, *T_X)),
+        }
+        gain = _GAIN[stage] * (2.0 if coarse else 1.0)  # in many boxes a pass must pay more
+        descent = Descent(System(rows, lifted, *columns[stage]), gain, boxes, coarse, end=end, tell=say)
+        found = descent.over(rows.root)
         header = {
             "format": FORMAT, "study": self.digest, "stage": stage, "images": list(images), "eps": number(eps),
             "asked": self.asked, "after": before.certificate, "poses": list(before.poses),
@@ -204,35 +224,6 @@ class Prover:
         programs, timed = before.programs + found.programs, before.timed or found.timed
         last = tuple((side, k) for side, k, *_ in found.steps[-1].get("rows", ())) if found.steps else ()
         return Proof(eps, left, file, before.poses, before.sets, files, last, programs, timed)
-
-    def _stage(
-        self, stage: str, eps: float, images: Sequence[int], sets: Mapping[int, Any], frames: Box, end: float,
-        boxes: int, coarse: float,
-    ) -> Contracted:  # fmt: skip
-        rows = Rows(self.exact, stage, images, F(eps), self.hand, self.board, sets, frames)
-
-        def every(i: int, j: int) -> bool:
-            return True
-
-        def lifted(i: int, j: int) -> bool:
-            """Poses of images are known so well that their products with the frames' rotations need no columns."""
-            return (i in _ROTATIONS and j in _ROTATIONS) or (i in R_X and j in E_)
-
-        system = {
-            "image": lambda: System(rows, every, range(12), range(9)),
-            "links": lambda: System(rows, lifted, (*_ROTATIONS, *T_X, *E_, *F_), _ROTATIONS, T_F),
-            "frames": lambda: System(rows, every, (*_ROTATIONS, *E_, *F_), _ROTATIONS, (*T_F, *T_X)),
-        }[stage]()
-        gain = _GAIN[stage] * (2.0 if coarse else 1.0)  # in many boxes a pass must pay more
-        return Descent(system, gain, boxes, coarse, end=end, tell=self._told(stage)).over(rows.root)
-
-    def _told(self, stage: str) -> Callable[[Box | None], None]:
-        def say(box: Box | None) -> None:
-            if stage != "image":
-                width = None if box is None else max(float(box.hi[i] - box.lo[i]) / 2 for i in _ROTATIONS)
-                self.tell(f"{stage}: {'nothing is left' if width is None else f'rotations +-{at_most(width, 2)}'}")
-
-        return say
 
 
 def _origins(study: HandEyeStudy, near: HandEyeFrames) -> tuple[tuple[F, ...], tuple[F, ...]]:

@@ -118,7 +118,7 @@ class HandEyeStudy(Value):
         return replace(
             self,
             images=tuple(self.images[k] for k in chosen),
-            poses=Pose(self.poses.position[chosen], self.poses.quaternion[chosen]),
+            poses=self.poses.rows(chosen),
             image=new[self.image[kept]],
             names=tuple(self.names[k] for k in kept),
             pixels=self.pixels[kept],
@@ -194,7 +194,6 @@ def simulate_hand_eye(
     pixel_error: float = 0.2,
     position_error: float = 0.0,
     rotation_error: float = 0.0,
-    camera: Camera = CAMERA,
     seed: int = 0,
 ) -> SimulatedHandEye:
     """A board of `corners` at `pitch` mm, seen from 500 to 800 mm under tilts up to 40 degrees.
@@ -222,7 +221,7 @@ def simulate_hand_eye(
         normalised(quaternion_product(turned, poses.quaternion)),
     )
     names = tuple(f"image{k + 1:03d}" for k in range(images))
-    study = study_of_board(stated, seen, board, setup=setup, camera=camera, images=names)
+    study = study_of_board(stated, seen, board, setup=setup, camera=CAMERA, images=names)
     off = random.uniform(-pixel_error, pixel_error, (images, len(board), 2)).reshape(-1, 2)
     made = {"generator": f"{SIMULATION}, hand-eye", "seed": str(seed)}
     study = replace(study, pixels=study.pixels + off, provenance=made)

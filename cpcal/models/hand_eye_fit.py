@@ -24,7 +24,7 @@ from cpcal.robot import (
     quaternion_from_rotation_vector,
     rotation_matrix,
 )
-from cpcal.robot.kinematics import LEAST_SPREAD, axis_text, cross_matrix, world_hand_eye
+from cpcal.robot.kinematics import LEAST_SPREAD, axis_text, cross_matrix, nearest_rotation, world_hand_eye
 from cpcal.solver.linear import Dense, LinearStatus
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -363,9 +363,7 @@ def _pose(study: HandEyeStudy) -> Fit[ReadFrames]:
     scale = np.cbrt(abs(np.linalg.det(axes)))
     if not scale > _LEAST_GAIN:
         raise np.linalg.LinAlgError("points of a line, or a plane in the line of sight")
-    left, _, right = np.linalg.svd(axes)
-    turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
-
+    turn = nearest_rotation(axes)
     origin = Pose(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]]))
     model = PixelModel(replace(study, setup="eye-to-hand", poses=origin))
     shift = h[:, -1] * size / scale - turn @ middle

@@ -153,9 +153,8 @@ def study_of_robot(study: Study) -> HandEyeStudy:
     table = study.calibration
     _, first = np.unique(table.pose, return_index=True)
     chosen = np.sort(first)
-    hand = _poses(study)
     return study_of_pairs(
-        Pose(hand.position[chosen], hand.quaternion[chosen]),
+        _poses(study).rows(chosen),
         Pose(table.position[chosen], table.quaternion[chosen]),
         setup="eye-to-hand",
         names=tuple(table.row_ids[k].replace("/", "-") for k in chosen),

@@ -315,8 +315,8 @@ def leg_network(
     equation = leg_equation(campaign, leg, box, model=model, stated=stated)
     net, scale = equation.network, equation.scale
     error = net.variable("eps", (), eps)
-    bound = error if scale is None else scale * error
-    net.add(equation.body.within((-bound, bound)))
+    body, bound = (value if scale is None else scale * value for value in (equation.body, error))
+    net.add(body.within((-bound, bound)))
     k = leg - 1
     shortest = IntervalArray.around(campaign.length[:, k], campaign.length_radius[:, k]).lo
     net.add(equation.offset + shortest >= error)
@@ -325,16 +325,12 @@ def leg_network(
 
 @dataclass(frozen=True, eq=False)
 class LegEquation:
-    """`body` is g (N,), times `scale` (N,) if there is one, over the parameters, the only variables of `network`."""
+    """`body` is g (N,), to be multiplied by `scale` (N,) if there is one, over the parameters: all of `network`."""
 
     network: ConstraintNetwork
     body: Expr
     offset: Expr
     scale: Expr | None
-
-    @property
-    def unscaled(self) -> Expr:
-        return self.body if self.scale is None else self.body / self.scale
 
 
 def leg_equation(
@@ -342,7 +338,7 @@ def leg_equation(
 ) -> LegEquation:
     """The equation of a leg, without a tolerance yet.
 
-    Exact readings in a user-defined model: all is multiplied by `scale` = |q|^2, so that a certificate can
+    Exact readings in a user-defined model: all is to be multiplied by `scale` = |q|^2, so that a certificate can
     state it in dyadic numbers. `stated`: rotations and scale are then rational expressions of the quaternions, exactly;
     otherwise enclosures, which is the same constraint in less time.
     """
@@ -369,8 +365,7 @@ def leg_equation(
         return v if s is None else turned_rows(s, v)
 
     measured = Measured(position, length, position + rotate(b) - a, rotate, drawn(campaign, leg))
-    body = model.equation(measured, offset, extra)
-    return LegEquation(net, body if scale is None else scale * body, offset, scale)
+    return LegEquation(net, model.equation(measured, offset, extra), offset, scale)
 
 
 def drawn(campaign: Campaign, leg: int) -> Drawn:
@@ -490,8 +485,7 @@ def model_statement(
     if not exactly_read(campaign, leg):
         return None
     box, eps = Box(model.parameters, domain.lo[:-1], domain.hi[:-1]), (float(domain.lo[-1]), float(domain.hi[-1]))
-    network = leg_network(campaign, leg, box, eps=eps, model=model, stated=True)
-    network = of_measurements(network, only)
+    network = of_measurements(leg_network(campaign, leg, box, eps=eps, model=model, stated=True), only)
     try:
         return network_statement(network, "eps", f"leg {leg}, model {model.name}, campaign {campaign_sha256(campaign)}")
     except NotStated:
@@ -512,7 +506,7 @@ class ModelResiduals:
         if self._plain is None:
             still, box = _with_sets(campaign, 0.0), leg_box(np.zeros(7), 0.0, model)
             equation = leg_equation(still, leg, box, model=model)
-            equation.network.add(equation.unscaled <= 0.0)
+            equation.network.add(equation.body <= 0.0)
             self._rows = Rows(equation.network)
 
     def values(self, x: npt.ArrayLike) -> Floats:
@@ -548,28 +542,24 @@ def fit_model(
     From the fit of the plain model, with which it begins. `known`: the residuals, where they are there already.
     `weight` (N,): g is multiplied by it.
     """
-    plain = LegEquations.of(campaign, [leg])
-    of_plain = least_squares(
-        lambda x: plain.values(x[None]),
-        lambda x: plain.by_parameters(x[None])[:, 0],
-        campaign.robot.parameters[leg - 1],
-        tolerance=_TOLERANCE,
-    )
+    plain = ModelResiduals(campaign, leg, PLAIN)
+    nominal = campaign.robot.parameters[leg - 1]
+    of_plain = least_squares(plain.values, plain.jacobian, nominal, tolerance=_TOLERANCE)
     start = np.append(of_plain.at, np.zeros(len(model.extra)))
     free = np.append(np.ones(7, dtype=bool), model.half_widths > 0.0)
     if weight is None and free.sum() == 7:
         return start
     of = ModelResiduals(campaign, leg, model) if known is None else known
-    reach, scale = np.append(np.full(7, np.inf), model.half_widths), 1.0 if weight is None else weight[:, None]
+    reach, each = np.append(np.full(7, np.inf), model.half_widths), np.ones(len(campaign)) if weight is None else weight
 
     def values(x: Floats) -> Floats:
-        return of.values(x) if weight is None else weight * of.values(x)
+        return each * of.values(x)
 
     def slopes(columns: Floats, x: Floats) -> Floats:
         return columns * of.jacobian(x)
 
     while True:  # an extra parameter that leaves its half-width stays at its end
-        found = least_squares(values, partial(slopes, scale * free), start, tolerance=_TOLERANCE)
+        found = least_squares(values, partial(slopes, each[:, None] * free), start, tolerance=_TOLERANCE)
         beyond = np.abs(found.at) > reach
         if not beyond.any():
             return found.at
@@ -580,7 +570,7 @@ def reading_range(campaign: Campaign, leg: int, model: LegModel, x: Floats, fact
     """PROVED: lower and upper bounds (N,) in mm of g at x (n,) over ALL readings of sets `factor` times as wide;
     infinite where nothing is. By interval evaluation, so too wide where g holds a reading more than once."""
     equation = leg_equation(_with_sets(campaign, factor), leg, leg_box(x, 0.0, model), model=model)
-    tape = Tape(equation.network, [equation.unscaled])
+    tape = Tape(equation.network, [equation.body])
     slots = tape.forward(IntervalArray.point(np.asarray(x, np.float64)[None]))
     if tape.continuous(slots):
         return tape.values(slots)[0]

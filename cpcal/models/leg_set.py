@@ -18,7 +18,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction as F
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -61,16 +60,6 @@ class CertifiedSet:
     basis: Floats
     along: IntervalArray
     ranges: Callable[[Floats], IntervalArray]
-
-
-def _ranges(contractor: SupportFunction, domain: Box, controller: Floats, directions: Floats) -> IntervalArray:
-    """From a set that is known in x, w and C: what x^ gives is taken off."""
-    count = len(directions)
-    asked = np.zeros((2 * count, len(domain)))
-    asked[:count, _COLUMNS], asked[count:, _COLUMNS] = directions, -directions
-    highest = contractor.support_function(domain, asked)
-    known = IntervalArray.point(directions[:, :7]) @ controller[:, None]
-    return IntervalArray(-highest[count:], highest[:count]) - known[:, 0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +112,16 @@ def certified_set(asked: AskedSet) -> CertifiedSet | None:
     domain = Repeat(contractor, _SETTLED, _PASSES).contract(network.domain).box
     if domain.is_empty:
         return None
-    ranges = partial(_ranges, contractor, domain, controller)
+
+    def ranges(directions: Floats) -> IntervalArray:
+        """From a set that is known in x, w and C: what x^ gives is taken off."""
+        count = len(directions)
+        both = np.zeros((2 * count, len(domain)))
+        both[:count, _COLUMNS], both[count:, _COLUMNS] = directions, -directions
+        highest = contractor.support_function(domain, both)
+        known = IntervalArray.point(directions[:, :7]) @ controller[:, None]
+        return IntervalArray(-highest[count:], highest[:count]) - known[:, 0]
+
     basis = asked.basis
     directions = np.zeros((7, SIZE))
     directions[:, :7] = basis.T

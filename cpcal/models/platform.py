@@ -27,7 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.checker.platform import AboutCenter, Commanded, Leg, LegEquation
+from cpcal.checker.platform import COORDINATES, AboutCenter, Commanded, Leg, LegEquation
 from cpcal.common.errors import unusable
 from cpcal.common.values import Bools, Floats
 from cpcal.models.leg import rotations
@@ -143,12 +143,6 @@ def cell_bounds(cells: Cells, sets: Sequence[CertifiedSet], held: Sequence[int] 
     over, centers = Equations(cells, sets, held), Equations(Cells.of_poses(cells.center), sets, held)
     at_center = centers.deviations()
     return over.bounds(at_center + over.across(centers)), centers.bounds(at_center)
-
-
-def pose_bounds(poses: Pose, sets: Sequence[CertifiedSet], held: Sequence[int] = ()) -> PoseBounds:
-    """The same for K poses."""
-    centers = Equations(Cells.of_poses(poses), sets, held)
-    return centers.bounds(centers.deviations())
 
 
 def pose_inverse(jacobian: Floats, held: Sequence[int] = ()) -> Floats:
@@ -377,7 +371,6 @@ def sizes(inverse: Floats, y: IntervalArray) -> tuple[Floats, Floats]:
 # ------------------------------------------------------------------------------------------------------------------
 # The workspace, and the worst that the certified sets allow anywhere in it: branch and bound on the worst cell.
 
-AXES = ("x", "y", "z", "rx", "ry", "rz")
 _SIDES = 3  # of the first grid, along each axis of position that has a width
 _AT_ONCE = 12  # cells divided at a time
 _SMALLEST = 1.0 / 64.0  # of the workspace's width: a cell that is not proved at that size is left out
@@ -395,15 +388,15 @@ class Workspace:
     hi: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        bad = [n for n, a, b in zip(AXES, self.lo, self.hi, strict=True) if not -np.inf < a <= b < np.inf]
-        if bad or len(self.lo) != len(AXES):
+        bad = [n for n, a, b in zip(COORDINATES, self.lo, self.hi, strict=True) if not -np.inf < a <= b < np.inf]
+        if bad or len(self.lo) != len(COORDINATES):
             what = f"has bounds that cross or are not finite: {', '.join(bad)}"
             raise unusable("workspace", what, "give LO:HI with LO <= HI for each axis")
 
     @classmethod
     def parsed(cls, text: str) -> Workspace:
         """Of `x=-50:50,y=-50:50,z=430:480,rx=-2:2`, degrees for rx, ry, rz; one number is both ends. InputError."""
-        known: dict[str, tuple[float, float]] = dict.fromkeys(AXES[3:], (0.0, 0.0))
+        known: dict[str, tuple[float, float]] = dict.fromkeys(COORDINATES[3:], (0.0, 0.0))
         for part in text.split(","):
             name, _, ends = part.strip().partition("=")
             low, _, high = ends.partition(":")
@@ -411,14 +404,14 @@ class Workspace:
                 pair = float(low), float(high or low)
             except ValueError:
                 name = ""
-            if name not in AXES:
+            if name not in COORDINATES:
                 what = f"{part.strip()!r} is no range of an axis"
                 raise unusable("workspace", what, "write x=-50:50,y=-50:50,z=430:480, and rx, ry, rz in deg")
-            known[name] = pair if name in AXES[:3] else (float(np.radians(pair[0])), float(np.radians(pair[1])))
-        missing = [name for name in AXES if name not in known]
+            known[name] = pair if name in COORDINATES[:3] else (float(np.radians(pair[0])), float(np.radians(pair[1])))
+        missing = [name for name in COORDINATES if name not in known]
         if missing:
             raise unusable("workspace", f"lacks {', '.join(missing)}", "give x, y and z in mm")
-        return cls(tuple(known[n][0] for n in AXES), tuple(known[n][1] for n in AXES))
+        return cls(tuple(known[n][0] for n in COORDINATES), tuple(known[n][1] for n in COORDINATES))
 
     @property
     def box(self) -> IntervalArray:
@@ -437,15 +430,11 @@ def rotated(rows: Floats) -> Pose:
 class Covered:
     """What the branch and bound leaves.
 
-    boxes (K, 6) of (P, S), a cover of the workspace; `proved` (K,): those of which something is; `position` (K,) mm
-    and `rotation` (K,) rad: no pose of the cell is off by more. `at` (6,): the pose
+    `cells`: boxes of (P, S) that cover the workspace, each with the `CellBound` that is proved. `at` (6,): the pose
     whose own bound is the worst that was met, `at_position` mm. `complete`: the search ended by its gap.
     """
 
-    boxes: IntervalArray
-    proved: Bools
-    position: Floats
-    rotation: Floats
+    cells: Sequence[Piece]
     at: Floats
     at_position: float
     complete: bool
@@ -467,7 +456,7 @@ def cover(
     """
     dividing = _Dividing(sets, workspace.box, gap, held)
     first = dividing.pieces(first_grid(workspace.box))
-    search = Search(first, dividing, lambda node: -float(node.state.worth), abreast=_AT_ONCE)
+    search = Search(first, dividing, lambda node: -node.state.worth, abreast=_AT_ONCE)
     while True:
         if tell is not None:
             waits = 0.0 if search.lowest is None else max(-search.lowest, 0.0)
@@ -476,19 +465,12 @@ def cover(
             break
         next(search)
     cells = [*search.kept, *(Piece(node.box, node.state) for node in search.pending)]
-    return Covered(
-        boxes=IntervalArray(np.stack([cell.box.lo for cell in cells]), np.stack([cell.box.hi for cell in cells])),
-        proved=np.array([cell.state.proved for cell in cells]),
-        position=np.array([cell.state.position for cell in cells]),
-        rotation=np.array([cell.state.rotation for cell in cells]),
-        at=dividing.at,
-        at_position=dividing.attained,
-        complete=not search.waiting,
-    )
+    return Covered(cells, dividing.at, dividing.attained, not search.waiting)
 
 
-class _Cell(NamedTuple):
-    """What is proved of a cell; `worth`: the bound that a division may lower, 0 where it is left out."""
+class CellBound(NamedTuple):
+    """Whether anything is proved of a cell: none of its poses is off by more than `position` mm and `rotation` rad;
+    `worth`: the bound that a division may lower, 0 where it is left out."""
 
     proved: bool
     position: float
@@ -512,8 +494,8 @@ class _Dividing:
             self.at, self.attained = boxes.mid[met.argmax()], float(met.max())
         small = ((boxes.hi - boxes.lo) / self._width).max(axis=1) <= _SMALLEST
         worth = np.where(~over.proved & small, 0.0, over.position)
-        cells = map(_Cell, over.proved, over.position, over.rotation, worth)
-        return list(map(Piece, Box.rows(AXES, boxes.lo, boxes.hi), cells))
+        cells = map(CellBound, *(of.tolist() for of in (over.proved, over.position, over.rotation, worth)))
+        return list(map(Piece, Box.rows(COORDINATES, boxes.lo, boxes.hi), cells))
 
     def __call__(self, node: Node) -> Decision:
         return self.all([node])[0]

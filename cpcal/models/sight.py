@@ -40,6 +40,7 @@ from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.files import write_file
 from cpcal.common.values import Floats, Indices, Value, fill, frozen_array
 from cpcal.robot import Pose, normalised, quaternion_from_matrix, quaternion_product
+from cpcal.robot.kinematics import nearest_rotation
 from cpcal.solver.certificate.exact_network import number
 from cpcal.solver.certificate.prover import Contracted, Descent, System, line, write_steps
 from cpcal.solver.contract import Verdict
@@ -263,13 +264,6 @@ def _hex(values: npt.ArrayLike) -> Any:
     return [_hex(part) for part in array] if array.ndim else float(array).hex()
 
 
-_IDENTITY = Pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
-
-
-def _motion(pose: Pose) -> Any:
-    return _hex(np.concatenate([pose.position, pose.quaternion]))
-
-
 # ------------------------------------------------------------------------------------------------------------------
 # The search: certificates one after the other.
 
@@ -288,8 +282,8 @@ class _Ended:
 
     turn: tuple[F, ...]
     left: Box | None
-    wrong: tuple[int, ...] = ()
-    after: tuple[str, ...] = ()
+    wrong: tuple[int, ...]
+    after: tuple[str, ...]
 
 
 class _Search:
@@ -395,9 +389,7 @@ def _dealt(dots: Floats, count: int) -> list[Indices]:
 def _middle(turn: tuple[F, ...], box: Box) -> tuple[F, ...]:
     """A quaternion of the rotation in the middle of a box: short, and of no particular length."""
     entries = np.array([float(a + b) / 2.0 for a, b in zip(box.lo[:9], box.hi[:9], strict=True)]).reshape(3, 3)
-    left, _, right = np.linalg.svd(entries)
-    nearest = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
-    found = quaternion_product(quaternion_from_matrix(nearest), np.array([float(v) for v in turn]))
+    found = quaternion_product(quaternion_from_matrix(nearest_rotation(entries)), np.array([float(v) for v in turn]))
     return tuple(F(round(v * 2**30), 2**30) for v in normalised(found).tolist())
 
 
@@ -424,10 +416,10 @@ class PoseSet:
     pose: Pose | None
     position_radius: Floats | None
     rotation_radius: Floats | None
-    outliers: int = 0
-    refuted: tuple[int, ...] = ()
-    reason: str = ""
-    seconds: float = 0.0
+    outliers: int
+    refuted: tuple[int, ...]
+    reason: str
+    seconds: float
 
     @property
     def status(self) -> str:
@@ -491,39 +483,35 @@ def enclose_pose(
     inputs, sight = _sight(boxes, targets, cameras, named, sources or {})
     search = _Search(sight, digest_of(inputs), outliers, stem)
 
-    def answer(
-        verdict: Verdict, pose: Pose | None, radii: Floats | None, wrong: Sequence[int], why: str = ""
-    ) -> PoseSet:
-        numbers = tuple(sorted(int(boxes.numbers[k]) for k in wrong))
-        place, turn = (None, None) if radii is None else (frozen_array(radii[:3]), frozen_array(radii[3:]))
-        return PoseSet(verdict, pose, place, turn, outliers, numbers, why, time.perf_counter() - begin)
-
+    at, pose, position, rotation = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], None, None, None
     try:
         found = search.ended()
-        pose, radii = None, None
         if found.left is not None:
             place = [float(a + b) / 2.0 for a, b in zip(found.left.lo[9:12], found.left.hi[9:12], strict=True)]
-            pose = Pose(np.array(place), normalised([float(v) for v in _middle(found.turn, found.left)]))
-            at = [F(v) for v in (*pose.position.tolist(), *pose.quaternion.tolist())]
-            radii = np.array([up(v.ends[1]) for v in sight.radii(found.left, found.turn, at)])
+            at = [*place, *normalised([float(v) for v in _middle(found.turn, found.left)]).tolist()]
+            pose = Pose(np.array(place), np.array(at[3:]))
+            radii = [up(v.ends[1]) for v in sight.radii(found.left, found.turn, list(map(F, at)))]
+            position, rotation = frozen_array(radii[:3]), frozen_array(radii[3:])
     except Refused as reason:
-        return answer(Verdict.UNKNOWN, None, None, (), str(reason))
+        seconds = time.perf_counter() - begin
+        return PoseSet(Verdict.UNKNOWN, None, None, None, outliers, (), str(reason), seconds)
     if stem is not None:
-        refuted = radii is None
         search.write(
             {
                 "format": POSE_SET_FORMAT,
                 "inputs": inputs,
                 "outliers": outliers,
-                "refuted": refuted,
-                "pose": _motion(pose or _IDENTITY),
-                "position_radius": None if radii is None else _hex(radii[:3]),
-                "rotation_radius": None if radii is None else _hex(radii[3:]),
+                "refuted": pose is None,
+                "pose": _hex(at),
+                "position_radius": None if position is None else _hex(position),
+                "rotation_radius": None if rotation is None else _hex(rotation),
                 "wrong": list(found.wrong),
                 "after": list(found.after),
             }
         )
-    return answer(Verdict.REFUTED if radii is None else Verdict.PROVED, pose, radii, found.wrong)
+    verdict = Verdict.REFUTED if pose is None else Verdict.PROVED
+    numbers = tuple(sorted(int(boxes.numbers[k]) for k in found.wrong))
+    return PoseSet(verdict, pose, position, rotation, outliers, numbers, "", time.perf_counter() - begin)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -556,7 +544,7 @@ class Enclosing:
     outliers: int
     folder: Path
     sources: Mapping[str, bytes]
-    first_row: str | Pose = ""
+    first_row: str | Pose
 
     def __call__(self, names: Sequence[str]) -> list[Enclosed]:
         return [self.one(name) for name in names]

@@ -16,7 +16,7 @@ import numpy as np
 
 from cpcal.calibration import fit, mean_rotations
 from cpcal.checker.platform import COORDINATES, MOST_LEGS, Commanded, Leg, pose_bounds, stated
-from cpcal.common.codec import Informed, checked, load, save
+from cpcal.common.codec import Document, Informed, checked
 from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.numbers import about, bracket_text
 from cpcal.common.values import Floats, Indices
@@ -44,9 +44,6 @@ from cpcal.solver.certificate.exact_network import free
 #
 # What an `AssumedLeg` says is assumed, `PoseAccuracy` and `CellAccuracy` are proved under it, estimates are neither.
 # Lengths in mm, angles in rad.
-
-FORMAT = "cpcal-accuracy/12"
-ACCURACY_NAME = "accuracy.json"
 
 
 @dataclass(frozen=True)
@@ -173,33 +170,19 @@ class Accuracy:
     seconds: Informed[float]
 
     @property
-    def held_coordinates(self) -> tuple[str, ...]:
-        """Names of `held`."""
-        return tuple(COORDINATES[k] for k in self.held)
-
-    @property
     def refuted(self) -> tuple[int, ...]:
         """Legs for which the campaign refutes what is assumed: nothing else is said then."""
         return tuple(leg.leg for leg in self.legs if not leg.lo)
 
     @property
-    def proved_poses(self) -> tuple[PoseAccuracy, ...]:
-        return tuple(pose for pose in self.poses if pose.proved)
-
-    @property
-    def worst_pose(self) -> PoseAccuracy | None:
-        """Of the poses, that with the largest proved bound."""
-        return max(self.proved_poses, key=lambda pose: pose.position_bound, default=None)
+    def proved_poses(self) -> list[PoseAccuracy]:
+        """Those of which a bound is proved, worst first."""
+        return sorted((pose for pose in self.poses if pose.proved), key=lambda pose: -pose.position_bound)
 
 
-def save_accuracy(found: Accuracy, folder: str | os.PathLike[str]) -> Path:
-    """Write `accuracy.json` into the folder, all or nothing; its path. Raises InputError."""
-    return save(found, Path(folder) / ACCURACY_NAME, FORMAT)
-
-
-def load_accuracy(folder: str | os.PathLike[str]) -> Accuracy:
-    """Read `accuracy.json` from the folder. Raises InputError."""
-    return load(Accuracy, Path(folder) / ACCURACY_NAME, FORMAT, remedy="run cpcal accuracy again")
+ACCURACY_NAME = "accuracy.json"
+_DOCUMENT = Document(Accuracy, ACCURACY_NAME, "cpcal-accuracy/12", "run cpcal accuracy again")
+save_accuracy, load_accuracy = _DOCUMENT.save, _DOCUMENT.load
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -428,13 +411,14 @@ def _over(
         say(f"the worst of the workspace is between {least} and {most} mm")
 
     found = cover(workspace, sets, held=held, gap=gap, most=cells, tell=tell)
-    factor = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
-    sides = ((factor * side).tolist() for side in (found.boxes.lo, found.boxes.hi))
-    values = (of.tolist() for of in (found.proved, found.position, found.rotation))
-    each = tuple(CellAccuracy(tuple(lo), tuple(hi), *of) for lo, hi, *of in zip(*sides, *values, strict=True))
-    at = tuple((factor * found.at).tolist())
+    stated = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+    each = []
+    for cell in found.cells:
+        low, high = (tuple((stated * side).tolist()) for side in (cell.box.lo, cell.box.hi))
+        each.append(CellAccuracy(low, high, *cell.state[:3]))
+    at, bound = tuple((stated * found.at).tolist()), found.at_position
     return WorkspaceAccuracy(
-        workspace.lo, workspace.hi, each, at, found.at_position, np.inf, np.inf, proposal, found.complete
+        workspace.lo, workspace.hi, tuple(each), at, bound, np.inf, np.inf, proposal, found.complete
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from pickle import PicklingError
@@ -46,13 +46,7 @@ LOADS = ("cpcal.questions.ask", "cpcal.solver.numba_begun")  # of workers
 HERE: Place = (Here(), 1)
 
 
-@dataclass(frozen=True)
-class AnsweredLeg:
-    """A leg, whether the user interrupted it, and the files that prove it, by name."""
-
-    leg: LegResult
-    stopped: bool
-    files: Mapping[str, bytes]
+AnsweredLeg = tuple[LegResult, bool, Mapping[str, bytes]]  # whether it was interrupted; what proves it, by its name
 
 
 def certify(
@@ -176,17 +170,16 @@ def answered(question: Question, place: Place = HERE) -> Result:
     interrupted = False
     try:
         for number, future in outcomes(executor, most, partial(_aside, there), left):
-            answer = _value(number, future, resumable=kept is not None)
-            leg = with_certificates(question, answer.files, answer.leg)
-            done[leg.leg] = leg
-            interrupted = interrupted or answer.stopped
-            unfinished = answer.stopped or leg.work.pending or leg.not_certified is Uncertified.UNWRITTEN
+            leg, stopped, files = _value(number, future, resumable=kept is not None)
+            done[leg.leg] = leg = with_certificates(question, files, leg)
+            interrupted = interrupted or stopped
+            unfinished = stopped or leg.work.pending or leg.not_certified is Uncertified.UNWRITTEN
             if kept is not None and not unfinished:
-                kept.keep_answer(leg, answer.files)
+                kept.keep_answer(leg, files)
             if question.progress is not None and not here:
                 bracket, work = leg.bracket, leg.work
                 question.progress(leg.leg, Bracket(bracket.lo, bracket.hi, work.nodes, work.programs, work.seconds))
-            if answer.stopped and here:
+            if stopped and here:
                 break
     except KeyboardInterrupt:
         interrupted = True
@@ -210,7 +203,7 @@ def _aside(question: Question, leg: int) -> AnsweredLeg:
         if question.certificates is not None:
             question = replace(question, certificates=folder)
         found, stopped = certify_leg(question, leg)
-        return AnsweredLeg(found, stopped, {path.name: path.read_bytes() for path in sorted(folder.iterdir())})
+        return found, stopped, {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
 def _value(number: int, future: Future[AnsweredLeg], *, resumable: bool) -> AnsweredLeg:

@@ -21,11 +21,7 @@ from cpcal.solver import plugins
 from cpcal.solver.accounts import ContractorUse, Trial, total_use
 from cpcal.solver.certificate.exact_network import Statement
 from cpcal.solver.certificate.prover import Claims, WeightProver, claims
-from cpcal.solver.certificate.recording import (
-    Recording,
-    UncheckableError,
-    claims_of,
-)
+from cpcal.solver.certificate.recording import Recording, SearchKeeper, UncheckableError, claims_of
 from cpcal.solver.contract import Contraction, Contractor, Limits, Verdict
 from cpcal.solver.execution.stopping import asked
 from cpcal.solver.interval import Box
@@ -171,15 +167,11 @@ def the_enclosure(found: Minimum, domain: Box) -> Claims | None:
     return None if said is None else said | {"point": None}
 
 
-def the_lower_bound(found: Minimum, domain: Box) -> Claims | None:
-    return None if found.lo <= domain["eps"].lo else claims_of(found, domain, "eps", lower_only=True)
-
-
 def searched(
     leg: PreparedLeg,
     to_claim: ToClaim | None = None,
     *,
-    file: str = "",
+    file: str | None = None,
     domain: Box | None = None,
     limits: Limits | None = None,
     tell: Callable[[Bracket], None] | None = None,
@@ -187,14 +179,16 @@ def searched(
 ) -> Answered:
     """Branch and bound on eps, by all contractors asked for; with a certificate, what weights prove is the answer.
 
-    `to_claim`: what the certificate claims; it is called by the leg and `file`. `domain`: a part of the leg's. `how`:
+    `to_claim`: what the certificate claims; `file`: its name, if not the leg's. `domain`: a part of the leg's. `how`:
     what else `minimize` takes.
     """
     question, domain = leg.question, leg.domain if domain is None else domain
     statement = None if to_claim is None else leg.stated(domain)
     with ExitStack() as keep:
         recording = None if statement is None else keep.enter_context(Recording(statement, domain))
-        keeper = None if question.checkpoints is None else question.checkpoints.search_keeper(leg.leg, recording)
+        keeper, kept = None, question.checkpoints
+        if kept is not None:
+            keeper = SearchKeeper(*kept.part(leg.leg, "search"), recording, resume=kept.resume)
         states = minimize(
             leg.problem.network,
             "eps",
@@ -215,14 +209,14 @@ def searched(
         torn = found.interrupted and not asked()  # by an exception, between any two lines: no stop that was asked for
         if to_claim is None or recording is None or torn or (said := to_claim(found, domain)) is None:
             return Answered(found)
-        name, lost = written(question, leg.leg, file, partial(recording.write, claims=said))
+        name, lost = written(question, file or f"leg{leg.leg}", partial(recording.write, claims=said))
         return Answered(replace(found, contractors_used=recording.credited(found.contractors_used)), name, lost)
 
 
-def written(question: Question, leg: int, file: str, write: Callable[[Path], object]) -> tuple[str | None, Uncertified]:
-    """The name of a leg's certificate, once it is written; None where it cannot be, and why."""
+def written(question: Question, file: str, write: Callable[[Path], object]) -> tuple[str | None, Uncertified]:
+    """The name of a certificate, once it is written; None where it cannot be, and why."""
     assert question.certificates is not None
-    path = question.certificates / f"{question.prefix}leg{leg}{file}.cert.jsonl"
+    path = question.certificates / f"{file}.cert.jsonl"
     try:
         write(path)
     except UncheckableError:
@@ -238,7 +232,7 @@ def written(question: Question, leg: int, file: str, write: Callable[[Path], obj
 _SMALL = 1e-3  # mm: a box this wide is a point to be tried
 
 
-def by_timeout(leg: PreparedLeg, start: Floats, tell: Callable[[Bracket], None]) -> Answered:
+def by_timeout(leg: PreparedLeg, start: Floats, tell: Callable[[Bracket], None] | None) -> Answered:
     """The method, from eps_+ of the least-squares fit (or nominal values) and eps_- = 0. Ctrl-C ends it early.
 
     The certificate holds the best point and the proof of the last infeasible answer; its lower bound is that one's.
@@ -273,7 +267,8 @@ def by_timeout(leg: PreparedLeg, start: Floats, tell: Callable[[Bracket], None])
             for trial in timeout(solve, lo=0.0, hi=highest, limits=limits):
                 trials.append(trial)
                 programs += trial.programs
-                tell(Bracket(trial.lo, trial.hi, len(trials), programs, time.monotonic() - began))
+                if tell is not None:
+                    tell(Bracket(trial.lo, trial.hi, len(trials), programs, time.monotonic() - began))
                 if asked():
                     interrupted = True
                     break
@@ -284,7 +279,7 @@ def by_timeout(leg: PreparedLeg, start: Floats, tell: Callable[[Bracket], None])
             recording, cap = proof or (keep.enter_context(Recording(statement, whole)), whole["eps"].hi)
             point, refuted = None if best is None else best.point, proof is not None
             said = claims(cap, refuted=refuted, lo=cap if refuted else None, point=point)
-            name, lost = written(leg.question, leg.leg, "", partial(recording.write, claims=said))
+            name, lost = written(leg.question, f"leg{leg.leg}", partial(recording.write, claims=said))
             uses = uses if proof is None else recording.credited(uses)
     hi, checked = np.inf if best is None else best.value, [t.eps for t in trials if t.checked]
     lo = max(checked, default=0.0) if statement is not None else trials[-1].lo if trials else 0.0

@@ -27,7 +27,7 @@ from cpcal.checker.hand_eye import (
 )
 from cpcal.checker.polynomial import applied, plus
 from cpcal.checker.readers import up
-from cpcal.common.codec import Informed, checked, load, save
+from cpcal.common.codec import Document, Informed, checked
 from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.numbers import at_least, at_most
 from cpcal.common.values import Floats
@@ -103,10 +103,6 @@ class AskedBox(Within):
     """The box of frames that everything speaks of, about the least-squares answer."""
 
     center: Annotated[PlacedFrames, _CENTER]
-
-    def holds(self, placed: PlacedFrames) -> bool:
-        """Whether frames are in the box, exactly."""
-        return holds(placed.numbers, self.center.numbers, F(self.reach), None if self.angle is None else F(self.angle))
 
 
 _POINT = "computed again from `lo`, `hi`, `point` and the certificate's `hand`, exactly"
@@ -252,14 +248,8 @@ class HandEyeResult:
         return False if refuted or self.eps_lo >= self.tolerance > 0.0 else None
 
 
-def save_hand_eye_result(found: HandEyeResult, folder: str | os.PathLike[str]) -> Path:
-    """Write `handeye.json` into the folder, all or nothing; its path. Raises InputError."""
-    return save(found, Path(folder) / HAND_EYE_NAME, HAND_EYE_FORMAT)
-
-
-def load_hand_eye_result(folder: str | os.PathLike[str]) -> HandEyeResult:
-    """Read `handeye.json` from the folder. Raises InputError."""
-    return load(HandEyeResult, Path(folder) / HAND_EYE_NAME, HAND_EYE_FORMAT, remedy="run cpcal handeye certify again")
+_DOCUMENT = Document(HandEyeResult, HAND_EYE_NAME, HAND_EYE_FORMAT, "run cpcal handeye certify again")
+save_hand_eye_result, load_hand_eye_result = _DOCUMENT.save, _DOCUMENT.load
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -336,11 +326,9 @@ def certify_hand_eye(
     part, box = study.part(np.array(kept)) if left else study, within or Within()
     classical = classical_answer(part)
     best = best_frames(part, classical)
-    asked, point = (
-        AskedBox(box.reach, box.angle, center=PlacedFrames.of(classical.frames)),
-        PlacedFrames.of(best.frames),
-    )
-    if not asked.holds(point):
+    asked = AskedBox(box.reach, box.angle, center=PlacedFrames.of(classical.frames))
+    point, angle = PlacedFrames.of(best.frames), None if asked.angle is None else F(asked.angle)
+    if not holds(point.numbers, asked.center.numbers, F(asked.reach), angle):
         raise unusable("option --within", "leaves out the best frames found", "give a larger box")
     readings, own = (_stated_readings(study, kept, of.readings) for of in (best, classical))
     at_point = errors(exact_study(study), point.numbers, tuple(map(exact, readings)))

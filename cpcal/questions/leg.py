@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -28,7 +27,6 @@ from cpcal.questions.bracket import (
     searched,
     the_answer,
     the_enclosure,
-    the_lower_bound,
     written,
 )
 from cpcal.questions.data_check import determination
@@ -44,6 +42,7 @@ from cpcal.questions.result import (
     VerifiedPoint,
     Work,
 )
+from cpcal.solver.certificate.prover import Claims
 from cpcal.solver.certificate.recording import Recording, claims_of
 from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.execution.stopping import Reason, Stopped, asked
@@ -65,10 +64,7 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
     prepared = prepared_leg(question, leg)
     start = np.append(prepared.center, question.options.eps or 0.0)
 
-    def tell(bracket: Bracket) -> None:
-        if question.progress is not None:
-            question.progress(leg, bracket)
-
+    tell = None if question.progress is None else partial(question.progress, leg)
     if question.options.method == "bound":
         answer = searched(prepared, the_answer, start=start, tell=tell)
     else:
@@ -183,7 +179,7 @@ def range_eps(options: Options, leg: LegResult) -> float | None:
     """The eps asked about; else the tolerance, if the leg reaches it; else eps_hi and a tenth. None where none does."""
     if options.eps is not None:
         return None if leg.bracket.verdict is Verdict.REFUTED else options.eps
-    if leg.bracket.point is None or not math.isfinite(leg.bracket.hi):
+    if leg.bracket.point is None:
         return None
     if options.tolerance is not None and leg.bracket.hi <= options.tolerance:
         return options.tolerance
@@ -201,9 +197,9 @@ def ranges_of(prepared: PreparedLeg, leg: LegResult) -> tuple[Ranges | None, boo
     domain = prepared.at(eps)
     if domain.is_empty:
         return None, False
-    asked = replace(prepared, question=replace(question, prefix=PREFIX, checkpoints=None))
+    asked = replace(prepared, question=replace(question, checkpoints=None))
     start = np.append(leg.center if bracket.point is None else bracket.point, eps)
-    found = searched(asked, the_enclosure, domain=domain, start=start)
+    found = searched(asked, the_enclosure, file=f"{PREFIX}leg{leg.leg}", domain=domain, start=start)
     box = found.minimum.enclosure
     if box.is_empty or found.minimum.interrupted:
         return None, found.minimum.interrupted
@@ -259,7 +255,7 @@ def robust_leg(question: Question, leg: int) -> LegResult:
         if question.progress is not None:
             question.progress(leg, Bracket(0.0, best.hi, searches, 0, time.monotonic() - began))
         part = prepared_leg(question, leg, center=center, only=_others(question, left_out), highest=target)
-        found = _searched(part, f".{len(supports) + 1:03d}")
+        found = _searched(part, f"leg{leg}.{len(supports) + 1:03d}")
         searches += 1
         if found.minimum.witness is not None:  # it lies below the target, and so below the best
             best, without = found.minimum, left_out
@@ -277,7 +273,7 @@ def robust_leg(question: Question, leg: int) -> LegResult:
     if statement is not None:  # of all measurements but those left out
         with Recording(statement, whole.domain) as recording:
             said = claims_of(replace(best, lo=0.0), whole.domain, "eps") | {"enclosure": None}
-            at_point = written(question, leg, ".point", partial(recording.write, claims=said))[0]
+            at_point = written(question, f"leg{leg}.point", partial(recording.write, claims=said))[0]
     # a family that some choice meets proves nothing, and leaves no files
     proofs = all_or_none(question, [*(one.certificate for one in supports), *(() if settled else (None,))])
     closed = best.witness is not None and best.hi - lo <= 2.0 * max(_BELOW * best.hi, _SMALLEST)
@@ -286,7 +282,7 @@ def robust_leg(question: Question, leg: int) -> LegResult:
         leg=leg,
         bracket=_bracket(
             center,
-            best if best.witness is not None else replace(best, hi=np.inf),
+            best,
             enclosure=leg_box(center, options.delta, question.model),
             verdict=Verdict.PROVED if closed else Verdict.UNKNOWN,
             lo=float(lo),
@@ -354,14 +350,13 @@ def _members(found: Minimum, part: PreparedLeg) -> frozenset[int]:
 def _searched(part: PreparedLeg, file: str | None = None) -> Answered:
     """The least eps of a part of the measurements; with a `file` a certificate, where no point was found."""
     limits = Limits(seconds=part.question.options.time_limit, gap=0.1 * _BELOW, gap_absolute=0.1 * _SMALLEST)
-    found = searched(
-        part,
-        None if file is None else lambda f, domain: None if f.witness is not None else the_lower_bound(f, domain),
-        file=file or "",
-        limits=limits,
-        start=np.append(part.center, 0.0),
-        enclose=False,
-    )
+
+    def lower_bound(found: Minimum, domain: Box) -> Claims | None:
+        nothing = found.witness is not None or found.lo <= domain["eps"].lo
+        return None if nothing else claims_of(found, domain, "eps", lower_only=True)
+
+    start, claimed = np.append(part.center, 0.0), None if file is None else lower_bound
+    found = searched(part, claimed, file=file, limits=limits, start=start, enclose=False)
     if found.minimum.interrupted:  # its bracket is of no use to the next search
         raise Stopped(asked() or Reason.INTERRUPTED)
     return found

@@ -13,7 +13,6 @@ import numpy.typing as npt
 
 from cpcal.checker import Accepted
 from cpcal.common.errors import InputError, refuse, together, unusable
-from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
 from cpcal.files.folders import keep_beside
 from cpcal.files.run_folder import FITTED, answers_into
@@ -82,7 +81,9 @@ def certify_point(
     )
     if wrong := beyond_legs(campaign, leg, float(x[6]), eps, "eps"):
         raise InputError(wrong)
-    good, bad = verified_rows(campaign, leg, x, eps, corrected)
+    box = leg_box(x, 0.0, corrected).with_bounds(x, x)
+    proved = verify_point(leg_network(campaign, leg, box, eps=(eps, eps), model=corrected), np.append(x, eps))
+    good, bad = (np.flatnonzero(rows).tolist() for rows in (proved.holds, proved.fails))
     if certificate is not None:
         at_eps, statement = np.append(x, eps), leg_statement(campaign, leg, model=corrected.name)
         problem, at = statement.problem, at_point(at_eps.tolist())
@@ -94,16 +95,6 @@ def certify_point(
     ids = campaign.measurement_ids
     counts = VerifiedPoint(eps, len(good), len(bad), len(campaign))
     return PointResult(leg, tuple(map(float, x)), counts, tuple(ids[k] for k in good), tuple(ids[k] for k in bad))
-
-
-def verified_rows(
-    campaign: Campaign, leg: int, x: Floats, eps: float, model: LegModel = PLAIN
-) -> tuple[list[int], list[int]]:
-    """Numbers (from 0) of the measurements that the point (n,) of the model is proved to satisfy, and to fail."""
-    box = leg_box(x, 0.0, model).with_bounds(x, x)
-    network = leg_network(campaign, leg, box, eps=(eps, eps), model=model)
-    found = verify_point(network, np.append(x, eps))
-    return np.flatnonzero(found.holds).tolist(), np.flatnonzero(found.fails).tolist()
 
 
 # ------------------------------------------------------------------------------------------------------------------

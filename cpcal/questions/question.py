@@ -32,7 +32,6 @@ from cpcal.models import (
 from cpcal.questions.result import LegResult, Options, Result
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
-from cpcal.solver.certificate.recording import Recording, SearchKeeper
 from cpcal.solver.contract import Limits
 from cpcal.solver.execution.checkpoint_file import garbled, kept, read_checkpoint
 from cpcal.solver.execution.executors import Place
@@ -87,7 +86,7 @@ class Checkpoints:
 
     def answer(self, leg: int) -> tuple[LegResult, dict[str, bytes]] | None:
         """The leg, if it is answered already, and its certificates. Raises InputError."""
-        path, of = self._part(leg, "answer")
+        path, of = self.part(leg, "answer")
         if not (self.resume and path.exists()):
             return None
         first, *rest = read_checkpoint(path, of)
@@ -99,15 +98,11 @@ class Checkpoints:
 
     def keep_answer(self, leg: LegResult, files: Mapping[str, bytes]) -> None:
         """The leg is answered: that is kept, and where its search stood no longer matters."""
-        path, of = self._part(leg.leg, "answer")
+        path, of = self.part(leg.leg, "answer")
         if kept(path, of, [{"leg": encoded(leg)}, *({"file": n, "text": text.decode()} for n, text in files.items())]):
-            self._part(leg.leg, "search")[0].unlink(missing_ok=True)
+            self.part(leg.leg, "search")[0].unlink(missing_ok=True)
 
-    def search_keeper(self, leg: int, recording: Recording | None) -> SearchKeeper:
-        """What keeps where the search for a leg stands."""
-        return SearchKeeper(*self._part(leg, "search"), recording, resume=self.resume)
-
-    def _part(self, leg: int, kind: str) -> tuple[Path, dict[str, str]]:
+    def part(self, leg: int, kind: str) -> tuple[Path, dict[str, str]]:
         """A file, and what it is of."""
         path = self.folder / f"leg{leg}.{kind}"
         return path, {**self.of, "part": path.name}
@@ -125,7 +120,7 @@ Progress = Callable[[int, Bracket], None]
 
 @dataclass(frozen=True, kw_only=True)
 class Question:
-    """Options, and what they are asked of. `certificates`: the folder for them; `prefix`: of their names.
+    """Options, and what they are asked of. `certificates`: the folder for them.
 
     `checkpoints`: where what is done is kept meanwhile. `place`: where boxes of a search are decided; None: here.
     """
@@ -134,7 +129,6 @@ class Question:
     options: Options
     model: LegModel = PLAIN
     certificates: Path | None = None
-    prefix: str = ""
     progress: Progress | None = None
     checkpoints: Checkpoints | None = None
     place: Place | None = None

@@ -108,7 +108,7 @@ class _Leg:
         at, names = np.append(x, eps), (*self._question.model.parameters, "eps")
         with Recording(self._statement, Box(names, at, at)) as recording:
             write = partial(recording.write, claims=claims(eps, point=at, factor=factor))
-            return written(self._question, self._leg, f".{name}", write)[0]
+            return written(self._question, f"leg{self._leg}.{name}", write)[0]
 
     @cached_property
     def tightest(self) -> Floats:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from cpcal.common.codec import INFORMATION, Informed, checked, load, save
+from cpcal.common.codec import INFORMATION, Document, Informed, checked
 from cpcal.common.errors import printable, refuse, unusable
 from cpcal.common.numbers import stated
 from cpcal.files.folders import NAME as CAMPAIGN_NAME
@@ -233,8 +233,6 @@ class Recommended:
     def __post_init__(self) -> None:
         if self.why not in (LEAST_SQUARES, CONSTRAINED) or not self.largest >= 0.0:
             raise ValueError("why or largest is nothing that it can be")
-        if not all(map(math.isfinite, self.point)):
-            raise ValueError("the recommended point is not finite")
 
 
 @dataclass(frozen=True)
@@ -245,25 +243,16 @@ class PassesFrom:
     point: Annotated[tuple[float, ...], _ALL]
     certificate: Annotated[str | None, _FILE] = None
 
-    def __post_init__(self) -> None:
-        """Raises ValueError for numbers that are not finite, or a negative eps."""
-        if not (0.0 <= self.eps < math.inf and all(map(math.isfinite, self.point))):
-            raise ValueError("passes_from is no tolerance, or its point is not finite")
-
 
 @dataclass(frozen=True)
 class Reduced:
     """PROVED: with half-widths of `factor` times the stated ones the recommended parameters meet the tolerance.
 
-    0: never at these parameters, whose equations fail at the readings as they are. Raises ValueError for no factor.
+    0: never at these parameters, whose equations fail at the readings as they are.
     """
 
     factor: Annotated[float, _ALL]
     certificate: Annotated[str | None, _FILE] = None
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.factor < math.inf:
-            raise ValueError("the factor on the half-widths is none")
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -298,8 +287,6 @@ class Determination:
         return ""
 
 
-FORMAT = "cpcal-result/13"
-RESULT_NAME = "result.json"
 _OURS = {model.name: model.summary for model in BUILT_IN}
 
 
@@ -402,6 +389,8 @@ class LegBracket:
             raise ValueError("the center or the point is not finite")
         if math.isnan(self.lo) or math.isnan(self.hi) or self.lo < 0.0:
             raise ValueError("lo or hi is no number that it can be")
+        if math.isinf(self.hi) != (self.point is None):
+            raise ValueError("hi and point do not go together")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -461,9 +450,14 @@ class LegResult:
             raise ValueError("a leg with a certificate is certified")
         if self.leg < 1:
             raise ValueError("the leg's number is no number of a leg")
-        points = (one.point for one in (self.recommended, self.passes_from) if one is not None)
+        points = [one.point for one in (self.recommended, self.passes_from) if one is not None]
         if any(len(point) != len(self.bracket.enclosure.names) for point in points):
             raise ValueError("the recommended parameters are not those of the model")
+        least = (self.passes_from and self.passes_from.eps, self.reduced and self.reduced.factor)
+        if not all(0.0 <= (number or 0.0) < math.inf for number in least):
+            raise ValueError("passes_from is no tolerance, or the factor on the half-widths is none")
+        if not all(math.isfinite(number) for point in points for number in point):
+            raise ValueError("a recommended point is not finite")
         if len(self.center) != len(self.bracket.enclosure.names) or not all(map(math.isfinite, self.extra)):
             raise ValueError("the extra parameters of the center are not those of the model")
 
@@ -479,7 +473,7 @@ class LegResult:
     @property
     def not_refuted(self) -> bool:
         """Whether the model without any error is proved to fit: eps* = 0."""
-        return self.bracket.point is not None and self.bracket.hi == 0.0
+        return self.bracket.hi == 0.0
 
 
 @dataclass(frozen=True)
@@ -513,6 +507,11 @@ class Result:
             raise ValueError(f"a leg has not the parameters {', '.join(self.model.parameters)}")
 
 
+RESULT_NAME = "result.json"
+_DOCUMENT = Document(Result, RESULT_NAME, "cpcal-result/13", "name the folder of a run, or run certify again")
+load_result = _DOCUMENT.load
+
+
 def check_campaign(campaign: Campaign, parts: Mapping[str, str], remedy: str) -> None:
     """Raises InputError where a part, such as a result, names the SHA-256 of another campaign."""
     own = campaign_sha256(campaign)
@@ -540,9 +539,4 @@ def save_result(result: Result, run: str | os.PathLike[str], campaign: Campaign 
         raise unusable(where, "is another campaign than the result's", remedy)
     if campaign is not None:
         save_campaign_json(campaign, folder)
-    return save(result, folder / RESULT_NAME, FORMAT)
-
-
-def load_result(run: str | os.PathLike[str]) -> Result:
-    """Read `result.json` from the folder of a run. Raises InputError."""
-    return load(Result, Path(run) / RESULT_NAME, FORMAT, remedy="name the folder of a run, or run certify again")
+    return _DOCUMENT.save(result, folder)

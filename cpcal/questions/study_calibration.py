@@ -10,9 +10,7 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,7 +34,7 @@ from cpcal.calibration.statistics import (
     study_rows,
 )
 from cpcal.calibration.validation import Validation, validate
-from cpcal.common.codec import load, save
+from cpcal.common.codec import Document
 from cpcal.common.errors import refuse
 from cpcal.common.numbers import about
 from cpcal.common.values import Floats
@@ -332,19 +330,10 @@ class CalibrationRecord:
         return f"{camera} {self.target_in_mobile.sentence('Target in mobile')}"
 
 
-FORMAT = "cpcal-calibration/13"
 RECORD_NAME = "calibration.json"
-
-
-def save_record(record: CalibrationRecord, folder: str | os.PathLike[str]) -> Path:
-    """Write `calibration.json` into `folder` (made if missing), all or nothing; its path. Raises InputError."""
-    return save(record, Path(folder) / RECORD_NAME, FORMAT)
-
-
-def load_record(folder: str | os.PathLike[str]) -> CalibrationRecord:
-    """Read `calibration.json` in `folder`. Raises InputError."""
-    remedy = "name a folder that cpcal calibrate wrote, or run it again"
-    return load(CalibrationRecord, Path(folder) / RECORD_NAME, FORMAT, remedy=remedy)
+_REMEDY = "name a folder that cpcal calibrate wrote, or run it again"
+_DOCUMENT = Document(CalibrationRecord, RECORD_NAME, "cpcal-calibration/13", _REMEDY)
+save_record, load_record = _DOCUMENT.save, _DOCUMENT.load
 
 
 # ------------------------------------------------------------------------------------------------------------------

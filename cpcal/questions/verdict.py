@@ -30,13 +30,13 @@ _FITS = "fits within the stated reading uncertainty"
 SHARE = 0.5  # of its side of the box: an enclosure that fills more is wide
 KNOWN = 10.0  # mm: a box of this half-width or less states the parameters by itself, and no range in it is wide
 
-Found = Literal["explained", "unexplained", "bounded", "undecided", "undetermined"]
+Kind = Literal["explained", "unexplained", "bounded", "undecided", "undetermined", "uncompared"]
 Wide = tuple[tuple[str, float, float], ...]  # name, lo, hi
 
 
 @dataclass(frozen=True)
 class LegVerdict:
-    """What was `found`. Proved, in mm: it fails below `lo`, some parameters fit at `hi` for SOME readings, those
+    """What `kind` it is. Proved, in mm: it fails below `lo`, some parameters fit at `hi` for SOME readings, those
     recommended are right to within `largest` for ALL, and it passes from `passes_from` (infinite: nothing is proved).
 
     tolerance      None: none was given
@@ -46,20 +46,16 @@ class LegVerdict:
     not_compared   a sentence on a user-defined model, whose constraints nobody compared with the campaign
     """
 
-    found: Found
+    kind: Kind
     lo: float
     hi: float
-    tolerance: float | None = None
-    largest: float = math.inf
-    passes_from: float = math.inf
-    beyond: float | None = None
-    determination: Determination | None = None
-    wide: Wide = ()
-    not_compared: str = ""
-
-    @property
-    def kind(self) -> Found | Literal["uncompared"]:
-        return "uncompared" if self.not_compared and self.found in ("explained", "bounded") else self.found
+    tolerance: float | None
+    largest: float
+    passes_from: float
+    beyond: float | None
+    determination: Determination | None
+    wide: Wide
+    not_compared: str
 
     @property
     def passes(self) -> bool:
@@ -71,10 +67,10 @@ class LegVerdict:
         if self.kind == "uncompared":
             return "not compared"
         if self.tolerance is not None:
-            return {"explained": "pass", "unexplained": "fail"}.get(self.found, self.found)
-        if self.found in ("explained", "bounded"):
+            return {"explained": "pass", "unexplained": "fail"}.get(self.kind, self.kind)
+        if self.kind in ("explained", "bounded"):
             return _FITS if self.hi == 0.0 else f"fits to within {at_most(self.hi, 7)} mm"
-        return "does not fit" if self.found == "unexplained" else self.found
+        return "does not fit" if self.kind == "unexplained" else self.kind
 
     @property
     def thresholds(self) -> str:
@@ -91,7 +87,7 @@ class LegVerdict:
         return f"{self._said()} {self.not_compared}".rstrip()
 
     def _said(self) -> str:
-        if self.found == "undetermined":
+        if self.kind == "undetermined":
             but = "so many very different parameters may fit" if self.wide else "which is no test of the model"
             fits = "" if math.isinf(self.hi) else f" Some parameters fit {_within(self.hi)}, {but}."
             return self.reason + fits
@@ -102,12 +98,12 @@ class LegVerdict:
             fits = "" if math.isinf(self.hi) else f"; some parameters fit {_within(self.hi)}"
             return f"The leg {self.thresholds}{fits}."
         at = f"{stated(self.tolerance)} mm"
-        if self.found == "explained":
+        if self.kind in ("explained", "uncompared"):
             right = f"to within {plain_side(at_most, self.largest, self.tolerance)} mm at every measured pose"
             return (
                 f"Pass at {at}: the recommended parameters are right {right}, whatever the readings in their sets are."
             )
-        if self.found == "unexplained":
+        if self.kind == "unexplained":
             return f"Fail at {at}: no parameters in the box are right to within it, whatever the readings are."
         return f"Undecided at {at}: it {self.thresholds}."
 
@@ -136,47 +132,43 @@ def verdict_of(result: Result, leg: LegResult, tolerance: float | None = None) -
     """The verdict on a leg of a result; `tolerance` in mm (default: the one that the result was asked with)."""
     options, bracket = result.options, leg.bracket
     at, eps = options.tolerance if tolerance is None else tolerance, options.eps
-    closed, lo, hi = (
-        bracket.verdict is Verdict.PROVED,
-        bracket.lo,
-        bracket.hi if bracket.point is not None else math.inf,
-    )
+    closed, refuted = bracket.verdict is Verdict.PROVED, eps is not None and bracket.verdict is Verdict.REFUTED
+    lo, hi = bracket.lo, bracket.hi
     largest = math.inf if leg.recommended is None else leg.recommended.largest
+    passes_from = math.inf if leg.passes_from is None else leg.passes_from.eps
     poor, wide, beyond = leg.determination, _wide(options, leg), None
     if poor is not None and poor.tests_the_model:
         poor = None
-    found: Found
     if eps is not None:  # nothing is known of smaller errors unless it is refuted
-        refuted = bracket.verdict is Verdict.REFUTED
         lo, hi = eps if refuted else 0.0, eps if closed else math.inf
         beyond = eps if refuted and (at is None or eps >= at) else None
+    kind: Kind = "undecided"
     if beyond is not None or math.isinf(lo) or (at is not None and lo > at):
-        found = "unexplained"
-    elif eps is not None and bracket.verdict is Verdict.REFUTED:
-        found = "undecided"
-    elif poor is not None or wide:
-        found = "undetermined"
-    elif at is not None:
-        found = "explained" if largest <= at else "undecided"
-    else:
-        found = "explained" if hi == 0.0 else "bounded" if closed and math.isfinite(hi) else "undecided"
-    if found != "undetermined":
+        kind = "unexplained"
+    elif not refuted and (poor is not None or wide):
+        kind = "undetermined"
+    elif not refuted and (hi == 0.0 if at is None else largest <= at):
+        kind = "explained"
+    elif at is None and closed and math.isfinite(hi):
+        kind = "bounded"
+    if kind != "undetermined":
         poor, wide = None, ()
-    passes_from = math.inf if leg.passes_from is None else leg.passes_from.eps
-    return LegVerdict(found, lo, hi, at, largest, passes_from, beyond, poor, wide, result.model.not_compared)
+    if result.model.not_compared and kind in ("explained", "bounded"):
+        kind = "uncompared"
+    return LegVerdict(kind, lo, hi, at, largest, passes_from, beyond, poor, wide, result.model.not_compared)
 
 
 def recommendation(result: Result, leg: LegResult) -> str:
     """What the recommended parameters are, and whether they conform, in a few words."""
     if leg.recommended is None:
         return "none"
-    found, at, conforms = verdict_of(result, leg).found, result.options.tolerance, ""
+    kind, at, conforms = verdict_of(result, leg).kind, result.options.tolerance, ""
     if at is not None:
         conforms = "; not shown to conform"
-        if found == "unexplained":
+        if kind == "unexplained":
             conforms = "; not recommended: fails"
         elif leg.recommended.largest <= at:
-            conforms = f"; conforms to {stated(at)} mm" + "; undetermined" * (found == "undetermined")
+            conforms = f"; conforms to {stated(at)} mm" + "; undetermined" * (kind == "undetermined")
     return leg.recommended.why + conforms
 
 
@@ -216,6 +208,7 @@ INFORMATION = (
 def status_of(result: Result, leg: LegResult) -> str:
     """What was proved of a leg of a result, in a sentence."""
     options, bracket, eps = result.options, leg.bracket, stated(result.options.eps or 0.0)
+    lo, hi = bracket.lo, bracket.hi
     if options.eps is not None:
         if bracket.verdict is Verdict.PROVED:
             return f"Some x in the box satisfies all equations to within {eps} mm for some readings: proved."
@@ -226,15 +219,14 @@ def status_of(result: Result, leg: LegResult) -> str:
     if leg.not_refuted:
         how = "proved in exact arithmetic" if leg.certified else "proved"
         return f"Some x in the box fits within the stated reading uncertainty (for some readings): {how}."
-    hi = bracket.hi if bracket.point is not None else math.inf
     if options.method == "bound":
-        return bracket_sentence(bracket.verdict, bracket.lo, hi, floor=leg.work.floor, undecided=leg.work.pending)
-    how = f"both bounds are proved; the gap of {gap_text(bracket.lo, hi)} is open."
-    if not math.isfinite(hi):
+        return bracket_sentence(bracket.verdict, lo, hi, floor=leg.work.floor, undecided=leg.work.pending)
+    how = f"both bounds are proved; the gap of {gap_text(lo, hi)} is open."
+    if bracket.point is None:
         how = "no point was proved to satisfy the constraints; the lower bound is proved."
     elif bracket.verdict is Verdict.PROVED:
         asked = f"the relative gap of {stated(options.gap)} that was asked for"
-        how = f"both bounds are proved, {gap_text(bracket.lo, hi)} apart, which is within {asked}."
+        how = f"both bounds are proved, {gap_text(lo, hi)} apart, which is within {asked}."
     return f"{len(leg.work.trials)} calls of the solver; {how}"
 
 

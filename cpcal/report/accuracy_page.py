@@ -9,6 +9,7 @@ from pathlib import Path
 
 from markupsafe import Markup
 
+from cpcal.checker.platform import COORDINATES
 from cpcal.common.files import listed
 from cpcal.common.numbers import about, at_least, at_most, nearest, stated
 from cpcal.questions.accuracy import FAR, Accuracy, WorkspaceAccuracy
@@ -30,10 +31,10 @@ def headline(found: Accuracy) -> str:
     """The first line: mm at the tool."""
     if found.refuted:
         return "Nothing is known of the tool's position: the campaign refutes what is assumed."
-    said, over, worst = list[str](), found.workspace, found.worst_pose
-    if worst is not None:
+    said, over, proved = list[str](), found.workspace, found.proved_poses
+    if proved:
         u = about(max(pose.u_position for pose in found.poses))
-        said.append(f"{at_most(worst.position_bound)} mm proved and {u} expected at {len(found.proved_poses)} poses")
+        said.append(f"{at_most(proved[0].position_bound)} mm proved and {u} expected at {len(proved)} poses")
     if over is not None and len(over.left_out) < len(over.cells):
         but = " but the cells left out" * bool(over.left_out)
         mm = f"{at_most(over.position_bound)} mm proved and {about(over.u_position)} expected"
@@ -53,7 +54,7 @@ def assumption(found: Accuracy) -> str:
     whence = "stated by the user" if found.legs[0].stated else "suggested by the residuals of least squares"
     out = sorted({name for leg in found.legs for name in leg.left_out})
     where = f"at the calibration poses{f' but {listed(out)}' * bool(out)} and at every pose spoken of here ({whence})"
-    axes = ", ".join(found.held_coordinates)
+    axes = ", ".join(COORDINATES[k] for k in found.held)
     return (
         f"ASSUMED: some parameters of each leg, within {stated(found.delta)} mm of the center of the run, satisfy its "
         f"equation to within {size} mm, {where}. At a pose the platform is within {stated(found.within[0])} mm and "
@@ -69,7 +70,7 @@ def sentences(found: Accuracy) -> list[str]:
         box = f"within {stated(found.delta)} mm of the center of the run"
         said = f"REFUTED: the campaign allows no parameters of leg {legs} {box} with so small an error."
         return [f"{said} Nothing is proved."]
-    out, over, worst = list[str](), found.workspace, found.worst_pose
+    out, over, proved = list[str](), found.workspace, found.proved_poses
     far = [error for error in found.legs if error.far > FAR]
     if far:
         poses = sorted((pose for pose in found.poses if pose.far > FAR), key=lambda pose: -pose.far)
@@ -80,12 +81,12 @@ def sentences(found: Accuracy) -> list[str]:
             f"{nearest(100.0 * max(e.far for e in far), 0)} % of the measured stroke away from every measured one"
             f"{at * bool(poses)}. No measurement shows the model error there.{rise} Measure poses in between."
         )
-    if worst is not None:
-        turn = degrees_up(max(p.rotation_bound for p in found.proved_poses))
+    if proved:
+        turn = degrees_up(max(pose.rotation_bound for pose in proved))
         out.append(
-            f"PROVED under the assumption: at {len(found.proved_poses)} of {len(found.poses)} poses the platform is "
-            f"within {at_most(worst.position_bound)} mm and {turn} degrees of where the controller says; the worst is "
-            f"{worst.name}. cpcal verify checks it again."
+            f"PROVED under the assumption: at {len(proved)} of {len(found.poses)} poses the platform is "
+            f"within {at_most(proved[0].position_bound)} mm and {turn} degrees of where the controller says; the worst "
+            f"is {proved[0].name}. cpcal verify checks it again."
         )
     if over is not None and len(over.left_out) < len(over.cells):
         end = "" if over.complete else " The search stopped at its limit of cells: more would narrow this bound."
@@ -105,7 +106,7 @@ def sentences(found: Accuracy) -> list[str]:
     if lost:
         why = "near a singularity, or the set is too wide"
         out.append(f"LEFT OUT: nothing is proved at {len(lost)} poses ({why}): {listed(lost)}.")
-    ratios = [] if worst is None else [(worst.position_bound, worst.attained, "at the worst pose")]
+    ratios = [(pose.position_bound, pose.attained, "at the worst pose") for pose in proved[:1]]
     ratios += [] if over is None else [(over.position_bound, over.attained, "in the workspace")]
     times = " and ".join(f"{about(a / b)} {at}" for a, b, at in ratios if b > 0.0 and math.isfinite(a))
     if times:
@@ -212,7 +213,7 @@ def _where(over: WorkspaceAccuracy | None) -> Iterator[Section]:
 
 
 def _at_poses(found: Accuracy) -> Iterator[Section]:
-    poses = sorted(found.proved_poses, key=lambda pose: -pose.position_bound)
+    poses = found.proved_poses
     if not poses:
         return
     head = ["pose", "bound [mm]", "[°]", "x", "y", "z [mm]", "far [%]", "attained", "U [mm]"]

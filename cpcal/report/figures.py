@@ -202,8 +202,7 @@ def errors_svg(result: Result) -> Svg:
     """
     asked, names, bars = result.options.tolerance, dict[float, str](), list[tuple[float, float, float, str]]()
     for leg in result.legs:
-        hi = math.inf if leg.bracket.point is None else leg.bracket.hi
-        passes = hi if leg.passes_from is None else leg.passes_from.eps
+        passes = leg.bracket.hi if leg.passes_from is None else leg.passes_from.eps
         largest = math.nan if leg.recommended is None else leg.recommended.largest
         colour = f"var(--{COLOURS[verdict_of(result, leg).kind]})"
         names[len(bars)] = f"leg {leg.leg}"

@@ -70,6 +70,10 @@ _RANGES = (
     "that the parameter can have if the model holds to within the number of mm that is named, for some readings; "
     "certified, but where it says otherwise. Lengths in mm, in the frames of the campaign."
 )
+_ROUNDED = (
+    "eps_lo is printed rounded down and eps_hi rounded up: no parameters in the box do better than eps_lo, and some "
+    "reach eps_hi."
+)
 _LONGEST = 100  # characters; longer values of the provenance stand in campaign.json only
 
 
@@ -103,9 +107,8 @@ def render(
 
     Raises InputError when the result is of another campaign, or garbled.
     """
-    check_campaign(
-        campaign, {"result": result.campaign.sha256}, "give the campaign that was certified, or certify this one"
-    )
+    remedy = "give the campaign that was certified, or certify this one"
+    check_campaign(campaign, {"result": result.campaign.sha256}, remedy)
     if absent := [leg.leg for leg in result.legs if leg.leg > campaign.legs]:
         what, remedy = f"names a leg that is not there: {absent[0]}", f"certify again: legs are 1 to {campaign.legs}"
         raise unusable("result", what, remedy)
@@ -211,20 +214,16 @@ def _bounds(result: Result) -> Iterator[Section]:
     if not result.legs or result.options.outliers:
         return
     formula = "‖P + R b − a‖ − (L + l) " if result.model.name == PLAIN.name else ""
-    rounding = (
-        "eps_lo is printed rounded down and eps_hi rounded up: no parameters in the box do better than eps_lo, and "
-        "some reach eps_hi. "
-    )
-    read = [
+    read = (
         f"Residuals {formula}are drawn at the centres of the reading sets, with first-order bars for the sets. The "
-        "pointer on a residual shows its measurement.",
-    ]
+        "pointer on a residual shows its measurement."
+    )
     bounds = Section(
         "Proved bounds, and how to read the figures",
-        [Mark(f"{QUANTIFIER} {LONGER}", "quantifier"), *read],
+        [Mark(f"{QUANTIFIER} {LONGER}", "quantifier"), read],
         tables=[bounds_table(result)],
         notes=[
-            (rounding if result.options.eps is None else "")
+            (f"{_ROUNDED} " if result.options.eps is None else "")
             + "“Support” counts measurements that the search found to give the lower bound or the refutation by "
             "themselves (where no few were found to, all with a weight in the proof).",
             INFORMATION,
@@ -452,8 +451,7 @@ def comparison_section(found: Compared) -> Section:
         sentences=[Mark(f"{QUANTIFIER} {LONGER}", "quantifier")],
         tables=[Table(head, rows, ("", "word", "", "", "word", "word", "word"), "compared")],
         notes=[
-            "eps_lo is printed rounded down and eps_hi rounded up: no parameters in the box do better than eps_lo, and "
-            "some reach eps_hi. Without a certificate both are proved in outward-rounded arithmetic only. Extra "
+            f"{_ROUNDED} Without a certificate both are proved in outward-rounded arithmetic only. Extra "
             "parameters: all parameters with eps ≤ eps_hi lie there."
         ],
     )

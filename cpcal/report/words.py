@@ -60,7 +60,7 @@ def leg_sentence(result: Result, leg: LegResult) -> str:
     """The answer for one leg, without its number: the verdict, what was proved, and whether that can be checked."""
     verdict = verdict_of(result, leg)
     said = [verdict.sentence]
-    if verdict.found != "undetermined":
+    if verdict.kind != "undetermined":
         said.append(status_of(result, leg))
     if leg.not_certified:
         said.append(f"Not certified: {leg.not_certified}.")

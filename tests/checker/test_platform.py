@@ -15,8 +15,7 @@ import cpcal
 from cpcal.checker import Refused
 from cpcal.checker.platform import AboutCenter, Commanded, Leg, LegEquation, check_accuracy, pose_bounds
 from cpcal.files.folders import save_campaign_json
-from cpcal.models.platform import centered
-from cpcal.models.platform import pose_bounds as uncertified_bounds
+from cpcal.models.platform import Cells, cell_bounds, centered
 from cpcal.questions.accuracy import ACCURACY_NAME, NamedPoses, certify_accuracy, load_accuracy, save_accuracy
 from cpcal.robot import (
     Pose,
@@ -58,7 +57,7 @@ def legs_checked_once():
 
 def test_the_truth_is_in_the_box_which_is_hardly_wider_than_without_certificates(run, known):
     _, poses, found = run
-    alone = uncertified_bounds(poses, known.sets)
+    alone = cell_bounds(Cells.of_poses(poses), known.sets)[1]
     true = reached_poses(known.campaign, known.controller, poses)
     position, angle = distances(true, poses)
     turn = quaternion_product(true.quaternion, quaternion_conjugate(poses.quaternion))

@@ -10,9 +10,7 @@ from typing import Annotated
 import pytest
 
 from cpcal import Box, InputError
-from cpcal.common.codec import encoded, load, save
-
-FORMAT = "cpcal-test/1"
+from cpcal.common.codec import Document
 
 
 class Colour(Enum):
@@ -41,6 +39,7 @@ class Outer:
     flag: Annotated[bool, {"json": "called"}] = False
 
 
+FILE = Document(Outer, "x.json", "cpcal-test/1", "certify again")
 VALUE = Outer(
     "é\n",
     Colour.BLUE,
@@ -54,18 +53,18 @@ VALUE = Outer(
 
 
 def test_what_was_written_comes_back(tmp_path):
-    path = save(VALUE, tmp_path / "new" / "x.json", FORMAT)
-    found = load(Outer, path, FORMAT, remedy="again")
+    path = FILE.save(VALUE, tmp_path / "new")
+    found = FILE.load(path.parent)
     assert found == VALUE
     assert math.copysign(1.0, found.numbers[2]) == -1.0
-    assert save(found, tmp_path / "again.json", FORMAT).read_bytes() == path.read_bytes()
+    assert FILE.save(found, tmp_path).read_bytes() == path.read_bytes()
     assert json.loads(path.read_text())["called"] is True
     assert [p.name for p in path.parent.iterdir()] == ["x.json"]
 
 
 def test_an_empty_box_and_what_is_no_number(tmp_path):
     odd = Outer("", Colour.RED, (math.nan,), (0, ""), None, {}, Box.empty(["x"]))
-    found = load(Outer, save(odd, tmp_path / "x.json", FORMAT), FORMAT, remedy="again")
+    found = FILE.load(FILE.save(odd, tmp_path).parent)
     assert math.isnan(found.numbers[0])
     assert found.box.is_empty
     assert found.box.names == ("x",)
@@ -94,17 +93,18 @@ def test_an_empty_box_and_what_is_no_number(tmp_path):
     ],
 )
 def test_other_types_are_refused(tmp_path, key, value, text):
-    data = encoded(VALUE) | {"format": FORMAT, key: value}
-    (tmp_path / "x.json").write_text(json.dumps(data))
+    path = FILE.save(VALUE, tmp_path)
+    path.write_text(json.dumps(json.loads(path.read_text()) | {key: value}))
     with pytest.raises(InputError, match=text) as caught:
-        load(Outer, tmp_path / "x.json", FORMAT, remedy="certify again")
+        FILE.load(tmp_path)
     assert "certify again" in str(caught.value)
     assert "\x1b" not in str(caught.value)
 
 
 def test_every_field_is_needed(tmp_path):
-    data = {"format": FORMAT, **encoded(VALUE)}
+    path = FILE.save(VALUE, tmp_path)
+    data = json.loads(path.read_text())
     for key in data:
-        (tmp_path / "x.json").write_text(json.dumps({k: v for k, v in data.items() if k != key}))
+        path.write_text(json.dumps({k: v for k, v in data.items() if k != key}))
         with pytest.raises(InputError, match="not of format" if key == "format" else f"lacks {key}"):
-            load(Outer, tmp_path / "x.json", FORMAT, remedy="again")
+            FILE.load(tmp_path)

@@ -7,7 +7,7 @@ import pytest
 
 from cpcal.common.errors import InputError
 from cpcal.models.leg_set import SIZE, AskedSet, certified_set
-from cpcal.models.platform import Cells, Equations, Workspace, cell_bounds, cover, pose_bounds, proved_sizes
+from cpcal.models.platform import Cells, Equations, Workspace, cell_bounds, cover, proved_sizes
 from cpcal.robot import (
     Pose,
     Robot,
@@ -189,7 +189,11 @@ def test_the_image_holds_what_the_equations_leave_at_every_pose_in_the_box(known
 
 def worst_of(found):
     """mm: proved of all poses in the cells that are proved."""
-    return found.position[found.proved].max()
+    return max(cell.state.position for cell in found.cells if cell.state.proved)
+
+
+def pose_bounds(poses, sets):
+    return cell_bounds(Cells.of_poses(poses), sets)[1]
 
 
 def nowhere(directions):
@@ -207,8 +211,8 @@ def test_the_cells_cover_the_workspace_and_bound_what_its_poses_attain(known):
     seen = []
     found = cover(space, known.sets, gap=0.3, tell=lambda lo, hi: seen.append((lo, hi)))
     assert found.complete
-    assert found.proved.all()
-    area = np.prod((found.boxes.hi - found.boxes.lo)[:, :2], axis=1).sum()
+    assert all(cell.state.proved for cell in found.cells)
+    area = sum(np.prod(cell.box.width[:2]) for cell in found.cells)
     assert area == pytest.approx(24.0**2)
     assert found.at_position <= worst_of(found) <= 1.3 * found.at_position
     assert all(lo <= hi for lo, hi in seen)
@@ -222,11 +226,10 @@ def test_the_halves_of_a_cell_leave_no_gap(known):
     x, y, z = central_pose(known.controller, np.full(6, 70.0)).position
     space = Workspace((x - 40, y - 40, z, -0.1, 0, 0), (x + 40, y + 40, z, 0.1, 0, 0))
     found = cover(space, known.sets, gap=0.0, most=30)
-    assert len(found.boxes.lo) > 9  # divided beyond the first grid
+    assert len(found.cells) > 9  # divided beyond the first grid
     assert not found.complete
-    assert (found.position[found.proved] <= worst_of(found)).all()
     wide = (space.box.hi > space.box.lo).nonzero()[0]
-    lo, hi = found.boxes.lo[:, wide], found.boxes.hi[:, wide]
+    lo, hi = (np.array([getattr(cell.box, side)[wide] for cell in found.cells]) for side in ("lo", "hi"))
     volume = np.prod(hi - lo, axis=1).sum()
     assert volume == pytest.approx(np.prod((space.box.hi - space.box.lo)[wide]), rel=1e-9)
     rng = np.random.default_rng(2)
@@ -243,9 +246,9 @@ def test_cells_near_a_singularity_are_left_out_and_the_rest_is_proved(known):
     x, y, z = central_pose(known.controller, np.full(6, 70.0)).position
     space = Workspace((x, y, z, 0, 0, 1.9), (x, y, z, 0, 0, 2.1))  # a quarter turn is 2 S = 2
     found = cover(space, known.sets, most=8)
-    assert not found.proved.all()
-    assert np.isfinite(found.position[found.proved]).all()
-    assert np.isinf(found.position[~found.proved]).all()
+    bounds = [cell.state for cell in found.cells]
+    assert not all(bound.proved for bound in bounds)
+    assert all(np.isfinite(bound.position) == bound.proved for bound in bounds)
 
 
 def test_a_workspace_is_read_with_degrees_for_turns_and_every_mistake_is_named():

@@ -92,7 +92,7 @@ def test_the_tolerance_fits_the_question(run):
     asked = with_options(result, eps=0.7)
     assert range_eps(asked.options, leg) == 0.7
     assert range_eps(asked.options, leg_with(leg, verdict=cpcal.Verdict.REFUTED)) is None
-    assert range_eps(result.options, leg_with(leg, eps_hi=np.inf)) is None
+    assert range_eps(result.options, leg_with(leg, point=None, eps_hi=np.inf)) is None
     assert range_eps(result.options, leg) == MARGIN * leg.bracket.hi
     assert range_eps(with_options(result, tolerance=2.0 * leg.bracket.hi).options, leg) == 2.0 * leg.bracket.hi
     assert range_eps(with_options(result, tolerance=0.5 * leg.bracket.hi).options, leg) == MARGIN * leg.bracket.hi

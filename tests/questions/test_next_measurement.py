@@ -8,7 +8,7 @@ import pytest
 from cpcal.common.errors import InputError
 from cpcal.models.hand_eye import simulate_hand_eye
 from cpcal.models.leg_set import SIZE
-from cpcal.models.platform import pose_bounds
+from cpcal.models.platform import Cells, cell_bounds
 from cpcal.questions.hand_eye import PARAMETERS, Within, certify_hand_eye
 from cpcal.questions.next_measurement import Polytope, next_images, next_poses
 from cpcal.robot import central_pose
@@ -31,7 +31,7 @@ def test_the_polytope_has_nearly_the_proved_ranges(known):
 def test_each_pose_measured_narrows_the_worst_bound_that_is_expected(known):
     centre = central_pose(known.controller, np.full(6, 70.0))
     worst = type(centre)(centre.position[None], centre.quaternion[None])
-    today = pose_bounds(worst, known.sets).position[0]
+    today = cell_bounds(Cells.of_poses(worst), known.sets)[1].position[0]
     polytopes = [Polytope.about(known.campaign, one) for one in known.sets]
     found = next_poses(known.campaign, known.sets, polytopes, worst, 4)
     expected = [n.expected for n in found]

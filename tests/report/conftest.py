@@ -44,7 +44,7 @@ def page(tmp_path_factory):
         leg(1, 1e-7, ranges=Ranges(0.1, thin)),
         leg(2, 4.0, ranges=Ranges(0.0890001, wide)),
         leg(3, np.array([np.inf, 1.0, 2e3, 1.0, 1.0, 1.0, 1e9])),
-        leg(4, 1.0, enclosure=cpcal.Box.empty(PARAMETERS), verdict=cpcal.Verdict.REFUTED, point=None),
+        leg(4, 1.0, enclosure=cpcal.Box.empty(PARAMETERS), verdict=cpcal.Verdict.REFUTED, point=None, eps_hi=math.inf),
         leg(5, 100.0, verdict=cpcal.Verdict.UNKNOWN, point=None, eps_hi=math.inf, ranges=Ranges(0.2, box(5, 2.0))),
         leg(6, 0.0),
     )

@@ -133,7 +133,7 @@ def test_results_without_a_point_or_bounds(campaign, changes, text):
 
 
 def test_a_question_about_one_eps(campaign):
-    refuted = leg_result(campaign, verdict=cpcal.Verdict.REFUTED, point=None)
+    refuted = leg_result(campaign, verdict=cpcal.Verdict.REFUTED, point=None, eps_hi=math.inf)
     page = render(campaign, result_of(campaign, refuted, eps=0.05))
     assert "within eps = 0.05 mm" in page
     assert "eps_lo" not in page
