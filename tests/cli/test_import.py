@@ -91,11 +91,6 @@ def test_what_looks_mixed_up_is_not_written(tmp_path, log, wrong, cause):
     assert (tmp_path / "campaign").is_dir()
 
 
-def test_a_preview_writes_nothing(tmp_path, log):
-    assert "First rows" in done("import", log, *LIKE_THIS, "--preview", "-o", tmp_path / "campaign")
-    assert not (tmp_path / "campaign").exists()
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -142,11 +137,6 @@ def test_a_template_that_is_not_filled_in_is_refused_line_by_line(tmp_path):
     with pytest.raises(cpcal.InputError, match=r"own\.toml:\d+: base of leg 4 holds nan"):
         load_settings(file)
     assert "is there already" in refused("robot", "init", "my crane", "-o", file)
-
-
-def test_the_catalogue_is_listed_with_its_sources():
-    listed = run("robot", "list").stdout
-    assert all(f"{name}: {known.robot.name}" in listed and known.source in listed for name, known in ROBOTS.items())
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -123,12 +123,3 @@ def test_the_dots_deviations_count_factor_times() -> None:
     assert (plates.scale, cameras.spread.shape[1]) == (3.0 * 1e-4, 0)
     plates, _ = _stated(plate, lens, None, 3.0, plate_exact=True, camera_exact=True)
     assert (plates.half_widths.any(), plates.scale) == (False, 0.0)
-
-
-def test_a_folder_without_images_is_refused(place: tuple[Path, Pose]) -> None:
-    folder, _ = place
-    (folder / "empty").mkdir()
-    files = ("--target", folder / "target.toml", "--camera", folder / "camera.toml")
-    status, said = run("image", "sets", folder / "empty", *files, "-o", folder / "none", "--plate-exact")
-    assert status == 2
-    assert "holds no PNG, JPEG or TIFF files" in said

@@ -110,12 +110,6 @@ def test_certify_writes_and_prints_the_answer_and_replaces_an_earlier_run(campai
         assert piece in text
 
 
-def test_a_limit_makes_a_leg_unknown(campaign, tmp_path):
-    said = done("certify", campaign, "-o", tmp_path, "--legs", "1", "--time-limit", "1e-9", status=1)
-    assert "Leg 1: undecided because a limit came first" in said
-    assert cpcal.load_result(tmp_path).legs[0].bracket.verdict is cpcal.Verdict.UNKNOWN
-
-
 @pytest.mark.parametrize(
     ("arguments", "texts"),
     [
@@ -179,12 +173,6 @@ def test_a_run_of_six_legs_ends_with_a_line_for_each_that_passes_and_two_for_eac
     assert ">fail<" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
 
 
-def test_verbose_shows_tables_with_their_frame(campaign, tmp_path):
-    loud = " ".join(done("certify", campaign, "-o", tmp_path / "v", "--legs", "1", "-v").split())
-    pieces = ("eps_lo [mm]", "at least", "b_z", "if the model holds to within", "there exists a reading")
-    assert all(piece in loud for piece in (*pieces, "in the base frame of the campaign's poses"))
-
-
 def test_a_quiet_verb_prints_nothing_but_errors(campaign, tmp_path):
     folder = tmp_path / "r"
     asked = (
@@ -218,10 +206,3 @@ def test_every_help_has_an_example_that_the_verb_understands_and_flags_have_no_t
         context = command.make_context(name, [name], parent=context, resilient_parsing=True)
         command, arguments = command.get_command(context, name), arguments[1:]
     command.make_context(verb, arguments, parent=context)
-
-
-def test_several_models_end_with_a_line_a_leg(campaign, tmp_path):
-    asked = ("--model", "plain,gain", "--legs", "1", "--tolerance", "0.01")
-    lines = done("certify", campaign, "-o", tmp_path, *asked, status=1).splitlines()
-    assert len(lines) <= 12
-    assert any(line.startswith("leg 1: plain ") and "fail" in line and "no model passes" in line for line in lines)

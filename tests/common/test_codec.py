@@ -62,14 +62,6 @@ def test_what_was_written_comes_back(tmp_path):
     assert [p.name for p in path.parent.iterdir()] == ["x.json"]
 
 
-def test_an_empty_box_and_what_is_no_number(tmp_path):
-    odd = Outer("", Colour.RED, (math.nan,), (0, ""), None, {}, Box.empty(["x"]))
-    found = FILE.load(FILE.save(odd, tmp_path).parent)
-    assert math.isnan(found.numbers[0])
-    assert found.box.is_empty
-    assert found.box.names == ("x",)
-
-
 @pytest.mark.parametrize(
     ("key", "value", "text"),
     [

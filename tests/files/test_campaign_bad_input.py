@@ -1,14 +1,10 @@
 """Unusable campaign files: every problem at once, with file, line and remedy, fast and in bounded memory."""
 
-import os
 import time
 import tracemalloc
-import warnings
 
 import pytest
-from typer.testing import CliRunner
 
-from cpcal.cli import app
 from cpcal.common.errors import InputError
 from cpcal.files import load_campaign
 from cpcal.files.tables import ROWS_MAX
@@ -183,17 +179,6 @@ def test_rubbish_without_end_is_given_up_soon(tmp_path, row):
     assert problems[-1].line in (1001, 1002)
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
-@pytest.mark.parametrize("name", ["campaign.toml", "measurements.csv"])
-def test_a_pipe_is_refused_before_it_hangs(tmp_path, name):
-    (tmp_path / "campaign.toml").write_text(TOML)
-    (tmp_path / "measurements.csv").write_text(CSV)
-    (tmp_path / name).unlink()
-    os.mkfifo(tmp_path / name)
-    with pytest.raises(InputError, match="no regular file"):
-        load_campaign(tmp_path)
-
-
 def test_a_last_line_without_its_end_is_a_warning_that_names_it(tmp_path):
     """The file was cut inside its last number, and what is left is one, too."""
     load(tmp_path)
@@ -205,16 +190,6 @@ def test_a_last_line_without_its_end_is_a_warning_that_names_it(tmp_path):
         cut = load_campaign(tmp_path)
     assert len(caught) == 1
     assert cut.length[-1].tolist() == [10.0, 1.0]
-
-
-def test_the_command_says_that_a_file_may_be_cut(tmp_path):
-    load(tmp_path)
-    table = tmp_path / "measurements.csv"
-    table.write_bytes(table.read_bytes()[:-1])
-    with warnings.catch_warnings():
-        warnings.simplefilter("default")
-        said = CliRunner().invoke(app, ["check", str(tmp_path)]).output
-    assert f"cpcal: warning: {table}:4: the last line has no line end" in said
 
 
 def test_a_table_above_the_largest_number_of_rows_is_refused(tmp_path, monkeypatch):

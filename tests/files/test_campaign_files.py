@@ -186,13 +186,3 @@ def test_an_interrupted_save_leaves_nothing_rather_than_a_mixture(tmp_path, monk
     with pytest.raises(InputError, match=f"{head}: does not exist"):
         load(old)
     assert os.listdir(tmp_path) == ["old"]
-
-
-def test_saving_where_a_file_stands_is_refused(tmp_path):
-    (tmp_path / "file").write_text("precious")
-    with pytest.raises(InputError, match="cannot be written"):
-        save_campaign(simulate(seed=1), tmp_path / "file")
-    with pytest.raises(InputError, match="cannot be written"):
-        save_campaign(simulate(seed=1), tmp_path / "file" / "below")
-    assert (tmp_path / "file").read_text() == "precious"
-    assert os.listdir(tmp_path) == ["file"]

@@ -50,10 +50,6 @@ def test_quoted_cells_hold_separators(tmp_path):
     assert log.rows == (("1", "2", "3", "a, b"),)
 
 
-def test_a_table_without_names_has_no_header(tmp_path):
-    assert read_log(written(tmp_path, "1 2 3\n4 5 6\n")).header == ()
-
-
 def test_rows_of_another_length_are_refused_by_line(tmp_path):
     with pytest.raises(InputError) as caught:
         read_log(written(tmp_path, "a,b,c\n1,2,3\n4,5\n6,7,8\nend of file\n"))

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.checker.readers import dyadic
 from cpcal.files import campaign_sha256
 from cpcal.models import (
     PLAIN,
@@ -24,8 +23,6 @@ from cpcal.models import (
 )
 from cpcal.models.leg import sag_shape
 from cpcal.robot import ModelChoice, Pose, leg_vectors, quaternion_product, rotation_matrix, small_rotation
-from cpcal.simulate import true_robot
-from cpcal.solver.certificate.exact_network import number
 from cpcal.solver.network import ConstraintNetwork, Tape, sqr
 from cpcal.solver.optimize.witness import verify_point
 from tests.changed import some, with_gain
@@ -99,26 +96,6 @@ def test_a_leg_is_longer_than_eps_for_every_reading_of_its_length():
         assert bool(verify_point(network, np.append(x, eps)).holds[k]) is holds
 
 
-@pytest.mark.parametrize("name", NAMES[1:])
-def test_a_larger_model_fits_no_worse_and_its_fit_is_stationary_or_at_a_bound(exact, name):
-    model = leg_model(name)
-    x = fit_model(exact, 1, model)
-    of = ModelResiduals(exact, 1, model)
-    r, jacobian = of.values(x), of.jacobian(x)
-    assert np.linalg.norm(r) <= np.linalg.norm(model_residuals(exact, 1, fit_model(exact, 1))) * (1 + 1e-9)
-    free = np.append(np.ones(7, dtype=bool), np.abs(x[7:]) < 0.999 * model.half_widths)
-    slope = (jacobian / np.linalg.norm(jacobian, axis=0)).T @ r
-    assert np.abs(slope[free]).max() < 1e-3 * np.linalg.norm(r)
-    assert (np.abs(x[7:]) <= model.half_widths).all()
-
-
-def test_the_fit_finds_the_gain_of_readings_without_noise():
-    campaign = with_gain(cpcal.simulate(seed=2, factor=0.0, noise=0.0), -0.02)
-    x = fit_model(campaign, 3, leg_model("gain"))
-    truth = true_robot(campaign).parameters[2]
-    np.testing.assert_allclose(x, np.append(truth, -0.02), atol=1e-6)
-
-
 def value(given, at):
     """A stated polynomial at a point, in fractions."""
     return sum((c * math.prod((at[i] for i in monomial), start=F(1)) for monomial, c in given), F(0))
@@ -155,19 +132,6 @@ def test_a_certificate_states_the_equations_of_the_campaign_exactly(exact, name)
     for k, item in enumerate(statement.items[5:]):
         length = F(float(campaign.length[k, leg - 1]))
         assert value(item.body, at) - value(item.at_least, at) == offset + length - eps
-
-
-def test_long_numbers_are_written_as_the_format_has_them():
-    rng = np.random.default_rng(5)
-    for bits in (1, 63, 64, 255, 256, 257, 300, 511, 512):
-        mantissa = int.from_bytes(rng.bytes(64), "big") >> (512 - bits) | 1 << (bits - 1) | 1
-        for exponent in (-600, -256, 0, 77):
-            for sign in (1, -1):
-                exact = sign * mantissa * F(2) ** exponent
-                text = number(exact)
-                assert dyadic(text) == exact
-                digits = text.lstrip("-").removeprefix("0x").split("p")[0].split(".")
-                assert max(map(len, digits)) <= 64
 
 
 def test_what_a_reading_moves_is_the_change_of_the_error_over_its_set(uncertain):
@@ -307,13 +271,6 @@ def bent(campaign, c):
         shape = sag_shape(vector, length + robot.offset, middle, np.array([0.0, 0.0, 1.0]))
         length = campaign.length + c * shape
     return replace(campaign, length=length)
-
-
-def test_its_equation_holds_for_legs_that_sag(perfect):
-    heavy, model = bent(perfect, 2.0), leg_model("sag")
-    x = np.append(heavy.robot.parameters[2], 2.0)
-    assert np.abs(model_residuals(heavy, 3, x, model)).max() < 1e-9
-    assert np.abs(model_residuals(heavy, 3, np.append(x[:7], 0.0), model)).max() > 1.0
 
 
 def test_proofs_enclose_it(perfect):

@@ -14,7 +14,6 @@ from cpcal.robot import (
     central_pose,
     distances,
     forward_kinematics,
-    inverse_kinematics,
     leg_vectors,
     normalised,
     quaternion_conjugate,
@@ -86,32 +85,6 @@ def test_the_bound_of_a_cell_holds_for_every_pose_in_it(known, reach, turn, arou
     assert (angle <= over.rotation).all()
     alone = pose_bounds(poses, known.sets)
     assert (alone.position <= over.position * (1.0 + 1e-9)).all()
-
-
-def test_parameters_that_do_nothing_at_the_centre_of_a_cell_count_at_its_other_poses(known):
-    """As is known of them there, while nothing narrow is known of them by themselves."""
-    rng, controller, reach = np.random.default_rng(11), known.controller, 12.0
-    middle = central_pose(controller, np.full(6, 70.0))
-    vector = leg_vectors(controller, middle)
-    form = np.concatenate([-vector, vector @ middle.rotation, -np.linalg.norm(vector, axis=1)[:, None]], axis=1)
-    off = rng.uniform(-1.0, 1.0, (6, 7))
-    off -= form * (np.sum(form * off, axis=1) / np.sum(form * form, axis=1))[:, None]
-    other, sets = Robot.from_parameters("other", controller.parameters + off), []
-    for one, row, x in zip(known.sets, controller.parameters, other.parameters, strict=True):
-        one = replace(one, controller=row, eps=1e-9, along=IntervalArray.around(np.zeros(7), 3.0))
-        z = z_of(one, x)
-        exactly = lambda directions, z=z: IntervalArray.around(directions @ z, 1e-9)  # noqa: E731
-        sets.append(replace(one, box=IntervalArray.around(z, 1e-9), ranges=exactly))
-    place = np.concatenate([middle.position, np.zeros(3)])
-    size = np.array([reach] * 3 + [0.0] * 3)
-    over, center = cell_bounds(Cells.of_boxes(IntervalArray((place - size)[None], (place + size)[None])), sets)
-    corners = np.array([[1, 1, 1], [1, -1, 1], [-1, 1, -1], [-1, -1, -1]])
-    poses = Pose(middle.position + reach * corners, np.tile(middle.quaternion, (4, 1)))
-    position, angle = distances(forward_kinematics(other, inverse_kinematics(controller, poses), poses), poses)
-    assert over.proved.all()
-    assert (position <= over.position).all()
-    assert (angle <= over.rotation).all()
-    assert position.max() > 2.0 * center.position.max()
 
 
 def test_the_turns_of_a_cell_are_those_between_its_poses_and_its_centre():

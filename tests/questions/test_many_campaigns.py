@@ -13,7 +13,6 @@ from cpcal import (
     LegResult,
     PluginError,
     Result,
-    Robot,
     Verdict,
     certify,
     simulate,
@@ -207,21 +206,6 @@ def test_questions_about_one_eps(bent: Campaign, request: pytest.FixtureRequest,
     assert 0 < len(below.support) <= 64  # who refutes it
     assert "No x" in status(below, eps=1.0)
     assert (above.bracket.lo, below.bracket.lo) == (0.0, known.bracket.lo * 0.98)  # of no other eps anything is said
-
-
-def test_center_and_delta_define_the_box(bent: Campaign, exact: LegResult) -> None:
-    campaign = without_sets(bent)
-    nominal = Robot.from_parameters("x", bent.robot.parameters)
-    found = only(campaign, center="nominal", delta=0.5)
-    assert np.array_equal(found.bracket.center, nominal.parameters[0])
-    assert (
-        found.bracket.point is None
-        or np.abs(np.subtract(found.bracket.point, found.bracket.center)).max() <= 0.5 + 1e-12
-    )
-    assert found.bracket.lo > exact.bracket.hi  # the true leg is further off
-    point = only(campaign, delta=0.0)
-    assert point.bracket.hi == pytest.approx(np.abs(model_residuals(campaign, 1, point.bracket.center)).max(), rel=1e-9)
-    assert point.bracket.lo == pytest.approx(point.bracket.hi, rel=2e-6)
 
 
 def test_bad_options_are_reported_together(bent: Campaign) -> None:

@@ -59,15 +59,6 @@ def test_the_certificate_says_the_same(factor: float, model: str, tmp_path: Path
     assert found.fails
 
 
-def test_results_verify_the_center_and_keep_it(tmp_path: Path) -> None:
-    campaign = cpcal.simulate(seed=2, joint_error=1.0, factor=3.0, **SMALL)
-    result = cpcal.certify(campaign, legs=[2])
-    verified = result.legs[0].verified
-    assert verified == cpcal.certify_point(campaign, 2, result.legs[0].bracket.center).verified
-    cpcal.save_result(result, tmp_path, campaign)
-    assert cpcal.load_result(tmp_path).legs[0].verified == verified
-
-
 def test_what_float64_cannot_decide_neither_holds_nor_fails() -> None:
     """The point solves the one equation exactly, which outward rounding does not see."""
     robot = cpcal.Robot("one leg", [[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.0]], [0.0])

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from cpcal import InputError
-from cpcal.calibration import nearest_motion, on_drawing
-from cpcal.calibration.frames import on_drawing_errors
+from cpcal.calibration import nearest_motion
 from cpcal.files import load_study, save_study
-from cpcal.questions import Inputs, StudyCalibration, budget, calibrate_study, load_record, save_record
+from cpcal.questions import Inputs, StudyCalibration, calibrate_study, load_record, save_record
 from cpcal.report.study_page import calibration
-from cpcal.robot import DELTALAB, PoseTable, Robot, Study, inverse, transformed
+from cpcal.robot import PoseTable, Robot, Study, inverse, transformed
 from cpcal.simulate import simulate_study, true_robot
 
 
@@ -105,20 +104,6 @@ def test_frames_are_known_as_well_as_is_said() -> None:
             assert np.abs(frame.position - ideal.position).max() < 5 * max(frame.sigma[:3])
 
 
-def test_parameters_laid_on_the_drawing_do_not_depend_on_where_they_were_measured() -> None:
-    rng = np.random.default_rng(0)
-    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    turn *= np.sign(np.linalg.det(turn))
-    off = DELTALAB.parameters + rng.normal(0, 1.0, (6, 7))
-    moved = off.copy()
-    moved[:, :3] = moved[:, :3] @ turn.T + rng.normal(size=3)
-    assert np.allclose(on_drawing(moved, DELTALAB), on_drawing(off, DELTALAB), atol=1e-9)
-    root = 1e-3 * rng.normal(size=(42, 42))
-    drawn = [on_drawing(off + (root @ rng.normal(size=42)).reshape(6, 7), DELTALAB) for _ in range(400)]
-    told = on_drawing_errors(off, root @ root.T, DELTALAB)
-    assert np.allclose(np.std(drawn, axis=0), told, rtol=0.15, atol=1e-12)
-
-
 # ------------------------------------------------------------------------------------------------------------------
 # Errors that all images share: counted in full in reading sets and frames, however often a pose is repeated.
 
@@ -177,18 +162,6 @@ def test_files_keep_it_and_refuse_half_of_it(shared: Study, tmp_path: Path) -> N
 
 # ------------------------------------------------------------------------------------------------------------------
 # The uncertainty budget: what repeats cannot show is propagated, and simulated studies agree with it.
-
-
-def test_a_scale_of_the_camera_scales_the_joint_centres(found: StudyCalibration) -> None:
-    made, twice = (
-        budget(found.x_c_sigma, found.campaign, found.drawing, Inputs(camera_scale=size)) for size in (1e-4, 2e-4)
-    )
-    camera, larger = (one for b in (made, twice) for one in b.contributions if one.source == "camera_scale")
-    assert 0.3 < camera.largest / (1e-4 * 270.0) < 1.0  # of the joints' distance to their centroid; readings stay
-    assert larger.largest == pytest.approx(2.0 * camera.largest, rel=1e-2)
-    assert made.largest**2 <= made.contributions[0].largest ** 2 + camera.largest**2 + 1e-12
-    assert "Not in it, as nothing was stated: target_scale, lens, sensor_scale, temperature" in made.sentence
-    assert "single camera" in made.sentence
 
 
 @pytest.mark.parametrize("values", [{"lens": -1.0}, {"lens": math.nan}])

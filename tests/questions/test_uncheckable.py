@@ -5,7 +5,6 @@ import pytest
 import cpcal
 from cpcal.checker import certificate, check, check_run
 from cpcal.checker.files import Lines
-from cpcal.common.errors import InputError
 from cpcal.questions import Uncertified, save_result
 from cpcal.report import write_report
 from cpcal.solver.certificate import recording
@@ -78,15 +77,3 @@ def test_a_robust_bound_without_one_of_its_proofs_is_not_certified(campaign, tmp
     assert leg.refused is None
     assert leg.robust is None
     assert not list(tmp_path.glob("*.cert.jsonl"))
-
-
-def test_of_a_network_it_is_an_error_that_says_what_to_do(tmp_path, monkeypatch):
-    limited(monkeypatch, 10)
-    network = cpcal.Network("small")
-    x = network.variable("x", domain=(-1, 2))
-    network.add(x * x >= 1)
-    eps = network.variable("e", domain=(0, 4))
-    network.add(x * x <= eps)
-    with pytest.raises(InputError, match=r"small\.cert\.jsonl.*would be refused: the check takes more work.*wider gap"):
-        network.minimize(eps, certificate=tmp_path / "small.cert.jsonl", contractors=["lifted"])
-    assert not list(tmp_path.iterdir())

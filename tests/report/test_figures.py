@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import cpcal
 from cpcal.models import PARAMETERS
 from cpcal.report import errors_svg
-from cpcal.report.figures import FARTHEST, INK, MOST_POINTS, Plot, evenly, worst_of_neighbours
+from cpcal.report.figures import FARTHEST, evenly
 from tests.report.made import made_leg, made_result
 
 CAMPAIGN = cpcal.simulate(seed=1, joint_error=1.0)
@@ -39,15 +39,6 @@ def test_ticks_lie_in_the_range_evenly_and_not_too_many(lo, width, most):
     assert all(lo - slack <= t <= hi + slack for t in found)
     steps = np.diff(found)
     assert np.allclose(steps, steps[:1], rtol=1e-6)
-
-
-def test_the_corners_of_the_data_are_those_of_the_frame_and_words_are_no_markup():
-    plot = Plot((200.0, 100.0), (-1.0, 1.0), (0.0, 2.0), ("<b>&", "y"))
-    left, top, right, bottom = plot.frame
-    assert plot.at([(-1.0, 0.0), (1.0, 2.0)]).tolist() == [[left, bottom], [right, top]]
-    plot.line(INK, [(-1.0, 0.0), (1.0, 2.0)])
-    assert ">&lt;b&gt;&amp;</text>" in plot.svg("x")
-    assert f'd="M{left:g} {bottom:g}L{right:g} {top:g}"' in plot.svg("x")
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -89,12 +80,3 @@ def test_a_figure_is_a_document_of_its_own_in_colours_that_a_viewer_knows():
     assert text.startswith('<svg xmlns="http://www.w3.org/2000/svg" ')
     assert "var(--" not in text
     assert "#17693a" in text
-
-
-def test_of_many_measurements_the_worst_of_each_run_of_neighbours_are_drawn_and_the_support():
-    size = np.random.default_rng(1).uniform(0.0, 1.0, 10 * MOST_POINTS)
-    size[[1234, 3210]] = 2.0, 0.0
-    shown = worst_of_neighbours(size, np.arange(len(size)) == 3210)
-    assert {1234, 3210} <= set(shown)
-    assert MOST_POINTS <= len(shown) <= MOST_POINTS + 1
-    assert worst_of_neighbours(size[:MOST_POINTS], np.zeros(MOST_POINTS)) == list(range(MOST_POINTS))

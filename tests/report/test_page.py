@@ -132,23 +132,6 @@ def test_results_without_a_point_or_bounds(campaign, changes, text):
     assert ("residuals over the measurements" in page) == (changes.get("point", ()) is not None)
 
 
-def test_a_question_about_one_eps(campaign):
-    refuted = leg_result(campaign, verdict=cpcal.Verdict.REFUTED, point=None, eps_hi=math.inf)
-    page = render(campaign, result_of(campaign, refuted, eps=0.05))
-    assert "within eps = 0.05 mm" in page
-    assert "eps_lo" not in page
-    assert ">does not fit<" in page
-    assert "No parameters fit to within 0.05 mm" in page
-
-
-def test_an_interrupted_run_says_so(campaign):
-    page = render(campaign, result_of(campaign, interrupted=True))
-    assert "Interrupted" in page
-    assert "2, 3, 4, 5, 6" in page
-    empty = dataclasses.replace(result_of(campaign, interrupted=True), legs=())
-    assert "No leg was finished" in render(campaign, empty)
-
-
 def test_a_result_of_another_campaign_is_refused(campaign, tmp_path):
     other = cpcal.simulate(seed=2)
     with pytest.raises(cpcal.InputError, match="another campaign"):

@@ -6,7 +6,6 @@ import json
 import re
 import zlib
 from dataclasses import replace
-from decimal import Decimal
 from html.parser import HTMLParser
 from importlib.resources import files
 
@@ -16,7 +15,6 @@ from typer.testing import CliRunner
 import cpcal
 from cpcal.checker import Refused, check
 from cpcal.cli import app
-from cpcal.common.numbers import gap_text
 from cpcal.files import save_campaign_json
 from cpcal.report import leg_sentence
 from cpcal.report.run_page import render
@@ -264,25 +262,6 @@ def test_another_campaign_or_certificate_is_refused(engine, pages, runs):
     about = [fault for fault, number in zip(found["faults"], page.shown, strict=True) if number["claim"] not in FREE]
     assert all(about)
     assert set(judged(engine, page, certificates=[])["faults"]) <= {None, ""}  # no certificate: nothing is refused
-
-
-def test_a_width_is_printed_with_two_digits_and_never_less_than_it_is(engine):
-    script = "((text, hex) => misprint(text, hexNumber(hex), 1, true))"
-    for lo, hi in (
-        (0.0, 167.8),
-        (0.0, 100.0),
-        (-3.0, 9.34e5),
-        (0.0, 1.5e-7),
-        (0.25, 0.2500001),
-        (1.0, 1.0),
-        (0.0, 99.1),
-    ):
-        text, exact = gap_text(lo, hi), (hi - lo).hex()
-        assert engine.call(script, text, exact) == ""
-        if hi > lo:
-            one = Decimal(1).scaleb(Decimal(text).adjusted() - 1)
-            for other in (Decimal(text) + one, Decimal(text) - one):
-                assert engine.call(script, f"{other:f}", exact) != ""
 
 
 def test_the_page_runs_its_own_script_only_and_is_the_same_each_time(runs, campaign):

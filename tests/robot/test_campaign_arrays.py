@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from cpcal import load_log
 from cpcal.common.errors import InputError
 from cpcal.robot import DELTALAB, Campaign, rotation_matrix
-from cpcal.robot.units import SEQUENCES, RotationForm, column_map, override_columns, reading_columns
+from cpcal.robot.units import SEQUENCES, RotationForm, override_columns, reading_columns
 from cpcal.simulate import simulate
 
 pandas = pytest.importorskip("pandas")
@@ -143,23 +143,6 @@ def test_maps_that_would_be_wrong_without_a_word_are_refused(columns, message):
     frame["error"] = 0.01
     with pytest.raises(InputError) as caught:
         load_log(frame, robot="deltalab", columns=columns, exact=True)
-    assert message in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("X=Tx", "unknown column 'X'"),
-        ("x=Tx, x=Ty", "x is given twice"),
-        ("x=", "x has no column"),
-        ("x=Tx[yd]", "unknown unit 'yd'"),
-        ("nonsense", "cannot be read from 'nonsense' on"),
-        ("x=a[mm]b", "cannot be read"),
-    ],
-)
-def test_maps_that_mean_nothing_are_refused(text, message):
-    with pytest.raises(InputError) as caught:
-        column_map(text, ["x", "y"])
     assert message in str(caught.value)
 
 

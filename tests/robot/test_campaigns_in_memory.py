@@ -1,29 +1,10 @@
 """Campaigns in memory: checked as a whole."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 from cpcal.common.errors import InputError
 from cpcal.robot import DELTALAB, Campaign, Uncertainty
-from cpcal.simulate import simulate
-
-
-def test_a_campaign_cannot_be_changed_and_says_what_it_is():
-    campaign = simulate(seed=1)
-    with pytest.raises(dataclasses.FrozenInstanceError, match="pose"):
-        campaign.pose = ()
-    assert repr(campaign) == "<Campaign of 'Simulated: DeltaLab Table of Stewart': 64 measurements, 6 legs>"
-
-
-def test_half_widths_in_memory_broadcast():
-    campaign = Campaign.of(
-        DELTALAB, np.zeros((2, 3)), [[1, 0, 0, 0]] * 2, np.zeros((2, 6)), length_radius=0.25, exact=True
-    )
-    assert campaign.measurement_ids == ["p0/1", "p1/1"]
-    assert campaign.length_radius.tolist() == [[0.25] * 6] * 2
-    assert not campaign.position_radius.any()
 
 
 def in_memory(**changes):

@@ -96,9 +96,3 @@ def test_what_cannot_be_assembled_is_said_and_which():
 def test_senseless_readings_are_refused(readings, message):
     with pytest.raises(KinematicsError, match=message):
         forward_kinematics(DELTALAB, readings, centre())
-
-
-def test_fewer_than_six_legs_do_not_determine_a_pose():
-    robot = Robot.from_parameters("five", DELTALAB.parameters[:5])
-    with pytest.raises(KinematicsError, match="at least 6"):
-        forward_kinematics(robot, [70.0] * 5, Pose(np.zeros(3), np.array([1.0, 0, 0, 0])))

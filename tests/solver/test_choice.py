@@ -103,31 +103,6 @@ def test_curves_and_surfaces_are_paved_without_options(unknowns: int, width: flo
         assert any((box.lo - 1e-12 <= point).all() and (point <= box.hi + 1e-12).all() for box in paving.boundary)
 
 
-def test_the_chosen_width_follows_what_is_left_of_the_domain() -> None:
-    net = cpcal.Network()
-    x, y = net.variable("x", domain=(-1e6, 1e6)), net.variable("y", domain=(-1e6, 1e6))
-    net.add((x - 50) ** 2 + (y - 2) ** 2 == 1e-4)
-    paving = net.solve(limits=Limits(nodes=20_000))
-    assert paving.complete
-    assert max(box.width.max() for box in paving.boundary) <= 1e-4
-
-
-def test_rows_that_a_contractor_cannot_use_are_counted() -> None:
-    net = cpcal.Network()
-    x = net.variable("x", 2, (-2, 2))
-    net.add([np.sin(x[0]) + x[1] <= 1, x[0] ** 2 / (x[1] + 3) <= 2, x >= -1])
-    found = net.minimize(x[1], limits=Limits(nodes=1), contractors=["lifted"])
-    assert found.row_use is not None
-    assert (found.row_use.rows, found.row_use.unused, found.row_use.by_none) == (4, (("lifted", 1),), 1)
-    assert found.row_use.sentence == "lifted cannot use 1 of 4 rows; 1 is used by none"
-    both = net.minimize(x[1], limits=Limits(nodes=1))
-    assert both.row_use is not None
-    assert both.row_use.by_none == 0
-    paving = circle_and_line().solve()
-    assert paving.row_use is not None
-    assert (paving.row_use.sentence, paving.width) == ("", 1e-6)
-
-
 def test_a_curve_that_runs_to_infinity_is_divided_within_100_of_zero() -> None:
     net = cpcal.Network()
     x, y = net.variable("x"), net.variable("y")
@@ -139,17 +114,6 @@ def test_a_curve_that_runs_to_infinity_is_divided_within_100_of_zero() -> None:
         assert any(np.array(point) in box for box in paving.boundary)
     near = [box for box in paving.boundary if (np.abs(box.mid) < 50).all()]
     assert max(box.width.max() for box in near) <= paving.width
-
-
-def test_boxes_that_a_single_row_excludes_are_not_left_open() -> None:
-    """Newton shrinks boxes about (0, 0, 3) to some 1e-15, where x y z = 1 is far from true."""
-    net = cpcal.Network()
-    x = net.variable("x", 3, (-10, 10))
-    net.add([x[0] + x.sum() == 4, x[1] + x.sum() == 4, x[0] * x[1] * x[2] == 1])
-    paving = net.solve()
-    assert paving.complete
-    assert {s.verdict for s in paving.solutions} == {Verdict.PROVED}
-    assert any(np.ones(3) in s.box for s in paving.solutions)
 
 
 def test_a_time_limit_holds_while_rows_are_expanded() -> None:

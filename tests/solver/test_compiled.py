@@ -199,24 +199,6 @@ def test_where_nothing_is_compiled_or_kept_it_runs_and_says_so_once(modules, bef
     assert not list((modules / "__pycache__").glob("*.kernel*"))
 
 
-@pytest.mark.parametrize("home", [True, False])
-def test_a_folder_that_can_not_be_written_is_no_error(modules, run, tmp_path, monkeypatch, home):
-    (modules / "__pycache__").write_text("in the way")
-    cache = tmp_path / "cache"
-    cache.mkdir() if home else cache.write_text("in the way")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
-    if home:
-        first, second = run(), run()
-        assert first[0] == 3.0
-        assert second == (3.0, "")
-        return
-    with pytest.warns(RuntimeWarning, match="machine code cannot be kept in") as said:
-        first, second = run(), run()
-    assert first[0] == second[0] == 3.0
-    assert "compiling" in second[1]
-    assert len(said) == 1
-
-
 FOREIGN = """
 import numba
 from cpcal.solver.compiled import compiled

@@ -16,9 +16,7 @@ from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.existence import Inside
 from cpcal.solver.interval import Box
 from cpcal.solver.network.expression import as_expr
-from cpcal.solver.network.rows import Rows
-from cpcal.solver.optimize.local import LocalSearch
-from cpcal.solver.optimize.witness import Equations, WitnessProver
+from cpcal.solver.optimize.witness import WitnessProver
 
 
 @pytest.mark.parametrize("width", [5e-324, 1e-310, 1e-9, 1e-4])
@@ -51,15 +49,6 @@ def test_an_objective_without_a_finite_bound_at_first_is_closed() -> None:
     assert down.hi < -0.25
 
 
-def test_an_equation_that_no_step_mends_ends_the_local_search() -> None:
-    """x^2 = 1e10 at x = 0: the derivative vanishes."""
-    net = cpcal.Network()
-    x, y = net.variable("x", domain=(-1e8, 1e8)), net.variable("y", domain=(-1, 1))
-    net.add([x * x == 1e10, y >= x])
-    search = LocalSearch(net, Rows(net), 1, Equations(net))
-    assert search.inside(np.zeros(2), 1e-9, np.ones(2)) is None
-
-
 def test_an_element_of_an_array_does_not_ask_the_others_to_be_defined() -> None:
     net = cpcal.Network()
     v, y = net.variable("v", 2, ([0, -1], [1, -0.5])), net.variable("y", domain=(0, 1))
@@ -69,18 +58,6 @@ def test_an_element_of_an_array_does_not_ask_the_others_to_be_defined() -> None:
     assert net.solve(width=0.25).solutions
     net.add(np.sqrt(v) >= 0)
     assert not net.solve().solutions  # here both are asked for
-
-
-def test_reductions_are_those_of_numpy() -> None:
-    net = cpcal.Network()
-    v = net.variable("v", (2, 3), (-2, 2))
-    at = np.array([[0.5, -1.25, 2.0], [1.5, 0.25, -0.75]])
-    point = net.domain.with_bounds(at.ravel(), at.ravel())
-    for function in (np.sum, np.mean, np.prod, np.max, np.min):
-        for axis in (None, 0, 1):
-            found = cpcal.evaluate(net, function(v, axis=axis), point)
-            assert np.allclose(found.lo, function(at, axis=axis), rtol=1e-12)
-            assert (found.lo <= found.hi).all()
 
 
 # numbers that overflow --------------------------------------------------------------------------------------

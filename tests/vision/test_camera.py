@@ -69,14 +69,6 @@ def test_pixels_show_the_directions_that_make_them(camera):
     np.testing.assert_allclose(camera.pixels(directions), pixels, atol=1e-9)
 
 
-def test_a_pixel_that_no_direction_makes_is_said_so():
-    barrel = replace(DELTALAB_CAMERA, distortion=np.array([-0.5, 0.0, 0.0, 0.0, 0.0]))  # r - r^3 / 2 is at most 0.544
-    far = barrel.center + barrel.focal * [0.6, 0.0]
-    found = barrel.normalised(np.stack([far, barrel.center]))
-    assert np.isnan(found[0]).all()
-    np.testing.assert_allclose(found[1], 0.0, atol=1e-15)
-
-
 @pytest.mark.parametrize(
     ("changed", "said"),
     [

@@ -82,11 +82,6 @@ def test_what_cannot_be_is_refused(tmp_path: Path, old: str, new: str, what: str
     assert what in found[0]
 
 
-def test_hostile_files_are_refused(tmp_path: Path) -> None:
-    for text in ("", "- 1\n", "[" * 20_000, "a: " * 50, "\0"):
-        refused(tmp_path / "camera.yaml", text)
-
-
 def test_the_command_writes_a_camera_toml(tmp_path: Path) -> None:
     (tmp_path / "head.yaml").write_text(ROS)
     given = ["image", "camera", str(tmp_path / "head.yaml"), "-o", str(tmp_path / "camera.toml")]

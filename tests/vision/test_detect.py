@@ -129,22 +129,3 @@ def _of(alone):
     values = values_of([row])
     poses = Pose(values[:, POSITION], values[:, QUATERNION])
     return poses, DELTALAB_TARGET, DELTALAB_CAMERA, Scene(), 0
-
-
-def test_what_fails_unexpectedly_is_told_and_tried_again(rendered, tmp_path):
-    class Broken(RenderedImages):
-        def read(self, name):
-            raise RuntimeError("the disk is on fire")
-
-    few = (rendered.names[:2], *_rest(rendered, slice(0, 2)))
-    journal = tmp_path / "journal"
-    for source, poses in ((Broken(*few), 0), (RenderedImages(*few), 2), (Broken(*few), 2)):
-        found = detect(source, DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=journal)
-        assert sum(row.found for row in found.rows) == poses
-        reasons = {row.reason for row in found.rows if not row.found}
-        assert reasons <= {"failed unexpectedly: RuntimeError: the disk is on fire"}
-
-
-def _rest(rendered, chosen):
-    poses = Pose(rendered.poses.position[chosen], rendered.poses.quaternion[chosen])
-    return poses, rendered.target, rendered.camera, rendered.scene, rendered.seed

@@ -7,7 +7,6 @@ from cpcal.common.errors import InputError
 from cpcal.robot import Pose, quaternion_from_rotation_vector
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.dots import observe_dots
-from cpcal.vision.measure import NotMeasured, measure_pose
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Scene, render
 from cpcal.vision.target import DELTALAB_TARGET
@@ -59,31 +58,9 @@ def test_checkerboards_stripes_squares_and_ramps_have_no_dots():
             assert len(observe_dots(one)) <= 1
 
 
-@pytest.mark.parametrize("scale", [0.6, 1.0, 2.0])
-def test_what_passes_for_dots_in_a_page_of_text_makes_no_pose(scale):
-    """Full stops are dots, and letters' insides may look like some: how many depends on the font of OpenCV."""
-    cv2 = opencv()
-    picture = np.full((768, 1024), 240, np.uint8)
-    for line in range(int(24 / scale)):
-        words = f"The quick brown fox o.o.o jumps {line} lazy dogs: 0O8o. The quick brown fox."
-        place = (10, int(50 * scale * (line + 1)))
-        cv2.putText(picture, words, place, cv2.FONT_HERSHEY_SIMPLEX, scale, 20, 2, cv2.LINE_AA)
-    for bright in (True, False):
-        observe_dots(picture, bright=bright)
-    for image in (picture, 255 - picture):
-        with pytest.raises(NotMeasured, match="not identified"):
-            measure_pose(image, DELTALAB_TARGET, DELTALAB_CAMERA)
-
-
 def test_saturated_and_dim_dots_are_found_and_hopelessly_blurred_ones_are_not(image):
     number = len(DELTALAB_TARGET.dots)
     assert len(observe_dots(np.minimum(image.astype(np.int64) * 2, 255).astype(np.uint8))) == number
     assert len(observe_dots(image // 8)) == number
     assert len(observe_dots(np.full_like(image, 255) * (image > 0))) <= 1
     assert len(observe_dots(opencv().GaussianBlur(image, (0, 0), 25.0))) == 0
-
-
-def test_large_images_of_a_fine_texture_are_given_up():
-    tile = np.zeros((8, 8), np.uint8)
-    tile[2:5, 2:5] = 200
-    assert len(observe_dots(np.tile(tile, (600, 600)), bright=True)) == 0

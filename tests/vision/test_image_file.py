@@ -48,13 +48,6 @@ def test_what_is_no_image_has_a_reason(tmp_path):
         read_image(tmp_path / "absent.png")
 
 
-def test_files_are_found_below_a_folder_in_order(tmp_path):
-    for name in ("b/2.PNG", "a.jpg", "b/10.tif", "notes.txt"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_bytes(b"")
-    assert image_files(tmp_path) == ["a.jpg", "b/10.tif", "b/2.PNG"]
-
-
 def test_a_name_that_is_no_utf8_can_be_written_and_leads_to_its_file(tmp_path):
     for name in (b"\xff\xe9.png", b"a\\xe9.png", "é.png".encode()):
         (tmp_path / os.fsdecode(name)).write_bytes(name)

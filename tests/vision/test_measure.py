@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.vision_scenes import degenerate_images, facing_poses, one, pose_error
-from cpcal.vision.camera import DELTALAB_CAMERA, Camera
+from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.measure import NotMeasured, measure_pose
 from cpcal.vision.render import render
 from cpcal.vision.target import DELTALAB_TARGET
@@ -22,18 +22,6 @@ def test_poses_at_the_nominal_setting() -> None:
     assert max(rms[:3]) < 0.01
     assert np.degrees(max(rms[3:])) < 0.003
     assert 0.3 < np.mean(squares) < 1.7  # standard deviation 0.2
-
-
-def test_missing_dots_are_named_and_do_no_harm() -> None:
-    pose = one(facing_poses(np.random.default_rng(1), 1, depth=(700.0, 700.0)), 0)
-    hidden = (2, 9, 50, 51, 52, 100)
-    found = measure_pose(
-        render(DELTALAB_TARGET, DELTALAB_CAMERA, pose, hidden=hidden), DELTALAB_TARGET, DELTALAB_CAMERA
-    )
-    assert np.isin(hidden, found.identification.missing).all()
-    assert not np.isin(hidden, found.identification.numbers).any()
-    error = pose_error(pose, found.estimate)
-    assert error @ np.linalg.solve(found.estimate.covariance, error) < 22.5  # 99.9 % of six degrees of freedom
 
 
 REASONS = {
@@ -60,11 +48,3 @@ def test_there_is_a_reason_for_every_image_without_a_target() -> None:
         with pytest.raises(NotMeasured) as refusal:
             measure_pose(image, DELTALAB_TARGET, DELTALAB_CAMERA)
         assert REASONS[name] in str(refusal.value), name
-
-
-def test_a_wrong_camera_shows_in_the_residuals() -> None:
-    pose = one(facing_poses(np.random.default_rng(2), 1, depth=(700.0, 700.0)), 0)
-    image = render(DELTALAB_TARGET, DELTALAB_CAMERA, pose)
-    off = Camera(1024, 768, DELTALAB_CAMERA.focal, DELTALAB_CAMERA.center, DELTALAB_CAMERA.distortion * 0.5)
-    with pytest.raises(NotMeasured, match="the camera or the target is not as stated"):
-        measure_pose(image, DELTALAB_TARGET, off)

@@ -7,7 +7,7 @@ from cpcal.common.errors import InputError
 from cpcal.vision.files.plate_and_camera import load_target
 from cpcal.vision.files.target_print import dark_squares
 from cpcal.vision.opencv import opencv
-from cpcal.vision.target import Board, Target, target_from
+from cpcal.vision.target import Board, Target
 
 ROW = np.array([[0.0, 0.0], [10.0, 10.0], [30.0, 30.0], [45.0, 45.0], [0.0, 20.0]])
 
@@ -37,13 +37,6 @@ def test_what_is_no_target_is_refused_with_the_reason(changed, said):
     assert any(said in what for _, what in problems(**changed))
 
 
-def test_asymmetric_circles_are_where_opencv_has_them():
-    board = target_from("acircles:7x11:10:8")
-    expected = [[20.0 * i + 10.0 * (j % 2), 10.0 * j] for j in range(11) for i in range(7)]
-    np.testing.assert_array_equal(board.dots, expected)
-    assert (board.radius, board.bright, board.printed) == (4.0, None, False)
-
-
 @pytest.mark.parametrize("text", ["charuco:6x5:36:24:4X4_50", "grid:3x2:36:6:4X4_50"])
 def test_what_is_printed_is_what_opencv_prints(text):
     """Six bits a marker: pixels of a millimetre."""
@@ -69,22 +62,3 @@ def test_what_is_printed_is_what_opencv_prints(text):
 def test_texts_that_name_no_board_are_refused(text):
     with pytest.raises(InputError, match="acircles:COLUMNSxROWS:PITCH:DIAMETER"):
         load_target(text)
-
-
-def test_boards_that_look_the_same_turned():
-    turns = {
-        (8, 6): 1, (7, 5): 1, (7, 6): 0, (6, 6): 3, (7, 7): 1,
-    }  # fmt: skip
-    for (columns, rows), count in turns.items():
-        board = Board.parsed(f"chessboard:{columns}x{rows}:30")
-        dark = {tuple(square) for square in np.rint(dark_squares(board)).astype(int).tolist()}
-        middle = 30.0 * (np.array([columns, rows]) - 1.0) / 2.0
-        found = board.turns()
-        assert len(found) == count
-        for numbers in found:  # the picture turned with its points is the picture
-            turn = np.linalg.lstsq(board.dots - middle, board.dots[numbers] - middle, rcond=None)[0]
-            np.testing.assert_allclose(np.abs(np.linalg.det(turn)), 1.0)
-            assert np.linalg.det(turn) > 0.0
-            centers = np.array([[x + 15.0, y + 15.0] for x, y, _ in dark]) - middle
-            turned = np.rint(centers @ turn + middle - 15.0).astype(int)
-            assert {(x, y, 30) for x, y in turned.tolist()} == dark

@@ -61,15 +61,6 @@ def test_what_is_saved_is_loaded_and_saved_again_byte_for_byte(tmp_path, target)
     assert [p.name for p in tmp_path.iterdir()] == ["target.toml"]
 
 
-def test_a_measured_plate_has_another_scale_and_deviations(tmp_path):
-    measured = TOML.replace("radius", "scale = 1.001\nscale_sigma = 2e-5\ndot_sigma = 0.01\nradius")
-    target = load(tmp_path, measured)
-    np.testing.assert_allclose(target.dots[2], [30.03, 30.03])
-    assert (target.radius, target.scale_sigma, target.dot_sigma) == (1.001 * 2.5, 2e-5, 0.01)
-    save_target(target, tmp_path / "again.toml")
-    assert load_target(tmp_path / "again.toml") == target
-
-
 @pytest.mark.parametrize(
     ("line", "what"),
     [

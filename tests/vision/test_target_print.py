@@ -4,7 +4,6 @@ import re
 import shutil
 import subprocess
 import zlib
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +12,8 @@ import pytest
 from cpcal.common.errors import InputError
 from cpcal.vision.dots import observe_dots
 from cpcal.vision.files.image_file import read_image
-from cpcal.vision.files.target_print import PAPERS, on_paper, page_bytes, print_target, sheet
-from cpcal.vision.target import DELTALAB_TARGET, Target, two_diagonals
+from cpcal.vision.files.target_print import page_bytes, print_target, sheet
+from cpcal.vision.target import DELTALAB_TARGET, two_diagonals
 
 SMALL = two_diagonals(
     "small & <dark>, $5", (-60.0, -31.0, -9.0, 22.0, 55.0), (-58.0, -20.0, 40.0, 63.0), 100.0, 25.0, 3.0, bright=False
@@ -81,24 +80,6 @@ def test_the_printed_page_is_seen_as_the_target(tmp_path):
     assert (nearest.min(axis=0) < 0.1).all()
     radii = found.axes[nearest.argmin(axis=0)].mean(axis=1)
     np.testing.assert_allclose(radii, 5.0 * SMALL.radius, atol=0.2)
-
-
-def test_the_same_target_gives_the_same_bytes():
-    assert page_bytes(SMALL, "pdf") == page_bytes(replace(SMALL), "pdf")
-    assert page_bytes(SMALL, "svg") == page_bytes(replace(SMALL), "svg")
-    assert b"Date" not in page_bytes(SMALL, "pdf")
-
-
-@pytest.mark.parametrize("paper", PAPERS)
-def test_a_target_made_for_a_paper_is_the_largest_that_fits_it(paper):
-    made = on_paper(DELTALAB_TARGET, paper)
-    assert sheet(made, paper).paper == paper
-    factor = made.radius / DELTALAB_TARGET.radius
-    np.testing.assert_allclose(made.dots, factor * DELTALAB_TARGET.dots)
-    more = (factor + 0.05) / factor
-    larger = Target("t", more * made.dots, more * made.radius)
-    with pytest.raises(InputError, match=f"does not fit {paper}"):
-        sheet(larger, paper)
 
 
 def test_files_are_written_by_their_suffix(tmp_path):

@@ -15,11 +15,6 @@ from cpcal.vision.projection import predicted_centers
 from cpcal.vision.target import DELTALAB_TARGET
 
 
-def some(quick, *others):
-    """The others nightly."""
-    return pytest.mark.parametrize("name", [quick, *(pytest.param(name, marks=pytest.mark.nightly) for name in others)])
-
-
 @pytest.mark.parametrize(
     ("numbers", "bend"), [([9.0, 9.0, 0.0, 0.0], 0.0), ([0.0, 0.0, 3.0, 0.0], 0.0), ([0.0, 0.0, 0.0, 0.0], 0.2)]
 )
@@ -58,14 +53,6 @@ def test_two_renderers_and_two_models_of_a_dots_centre_agree():
     image = photograph(DELTALAB_TARGET, DELTALAB_CAMERA, pose, World(noise=0.0), rng)
     found = measure_pose(image, DELTALAB_TARGET, DELTALAB_CAMERA)
     assert np.sqrt(np.mean((found.centers - centers[found.numbers]) ** 2)) < 0.0015  # rounding to grey levels is half
-
-
-@some("shadow, 15 px soft", "shadow, 40 px soft", "motion, 3 px", "motion, 6 px")
-def test_a_shadows_edge_and_motion_leave_poses_as_good_as_stated(name):
-    figures = measured(CONDITIONS[name], 3, 5)
-    assert figures["found"] == 3
-    assert figures["doubtful"] == 0
-    assert 0.3 < figures["NEES/6"] < 2.2  # 18 degrees of freedom
 
 
 @pytest.mark.nightly

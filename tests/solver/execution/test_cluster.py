@@ -153,18 +153,6 @@ def test_a_run_that_loses_its_scheduler_ends_with_what_is_proved(campaign, alone
     ends_with_what_is_proved(found, tmp_path, campaign, alone)
 
 
-@pytest.mark.nightly
-def test_a_run_whose_scheduler_is_killed_ends_with_what_is_proved(cluster, campaign, alone, tmp_path, monkeypatch):
-    monkeypatch.setattr(executors, "DESERTED", 3.0)
-    address = cluster.complete(workers=1)
-    killed = once_answered(tmp_path, cluster.scheduler.kill)
-    with dask.config.set({"distributed.comm.timeouts.connect": "20s"}):  # for as long it would look for another
-        found = certified(tmp_path, campaign, "--scheduler", address)
-    killed.join(10)
-    assert cluster.scheduler.wait(10) < 0
-    ends_with_what_is_proved(found, tmp_path, campaign, alone)
-
-
 def test_where_no_scheduler_answers_that_is_said(campaign, tmp_path):
     with dask.config.set({"distributed.comm.timeouts.connect": "1s"}):
         found = certified(tmp_path, campaign, "--scheduler", "tcp://127.0.0.1:1")

@@ -1,10 +1,8 @@
 """A process that is asked to stop: a signal is a note that work looks at, never an exception in its midst."""
 
-import gc
 import os
 import pickle
 import signal
-import threading
 from dataclasses import replace
 from fractions import Fraction as F
 
@@ -45,18 +43,6 @@ def test_sigterm_is_heard_where_that_is_asked_for():
         os.kill(os.getpid(), signal.SIGTERM)
         assert asked() is Reason.TERMINATED
     assert signal.getsignal(signal.SIGTERM) is before
-
-
-def test_a_thread_leaves_signals_alone():
-    def run():
-        with heard(terminate=True), raising():
-            seen.append(signal.getsignal(signal.SIGINT))
-
-    seen = []
-    thread = threading.Thread(target=run)
-    thread.start()
-    thread.join()
-    assert seen == [signal.default_int_handler]
 
 
 def test_a_signal_that_the_shell_ignores_stays_ignored():
@@ -112,19 +98,3 @@ def test_whenever_it_is_asked_a_leg_that_is_answered_stays_and_has_its_certifica
             if leg.certified:
                 assert check(run / leg.bracket.certificate).claims.eps_lo == F(leg.bracket.lo)
     assert numbers == {0, 1, 2}
-
-
-def test_what_a_leg_needed_is_free_when_it_is_answered(campaign, tmp_path):
-    """Circles of references would keep its matrices until the garbage collector comes, which may be legs later."""
-    cpcal.certify(campaign, legs=[1], delta=0.5)  # what is made once for all stays
-    while gc.collect():  # what other tests left, some of it in a second round
-        pass
-    gc.set_debug(gc.DEBUG_SAVEALL)
-    try:
-        cpcal.certify(campaign, legs=[2], delta=0.5, certificates=tmp_path)
-        gc.collect()
-        left = {type(one).__name__ for one in gc.garbage if type(one).__module__.startswith(("cpcal", "contractors"))}
-    finally:
-        gc.set_debug(0)
-        gc.garbage.clear()
-    assert not left

@@ -136,17 +136,6 @@ def test_what_is_not_proved() -> None:
     refused(lambda net, x, y: None, (1, 1))
 
 
-def test_kinks_are_enclosed_by_slopes() -> None:
-    """|x| + 3 x has slopes between 2 and 4, so that its zero is proved; those of |x| + x / 2 have both signs."""
-    for slope, unique in ((0.5, False), (3.0, True)):
-        net = ConstraintNetwork()
-        x, y = net.variable("x", (), (-1, 1)), net.variable("y", (), (-1, 1))
-        net.add([abs(x) + slope * x == y, y == 0])
-        prover = UniquenessProver(net)
-        found = prover.prove(Box(net.names, [-0.1, -0.1], [0.1, 0.1]))
-        assert (found is not None) == unique
-
-
 def test_a_box_is_inside_another_only_if_each_of_its_ends_is() -> None:
     outer, columns = IntervalArray(np.zeros(3), np.ones(3)), np.array([0, 2])
     lo, hi = np.full(3, 0.25), np.full(3, 0.75)

@@ -126,13 +126,3 @@ def test_set_algebra_is_that_of_the_components(a: Box, b: Box) -> None:
     assert a.subset(b) == (a & b == a)
     assert a | Box.empty(NAMES) == a
     assert (a & Box.empty(NAMES)).is_empty
-
-
-@settings(max_examples=150, deadline=None)
-@given(box=BOXES)
-def test_round_trips(box: Box) -> None:
-    environment = {"Box": Box, "inf": math.inf}
-    for same in (pickle.loads(pickle.dumps(box)), eval(repr(box), environment)):
-        assert same == box
-        assert hash(same) == hash(box)
-        assert same.is_empty == box.is_empty

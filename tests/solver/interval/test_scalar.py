@@ -36,22 +36,6 @@ def test_bounds_without_a_meaning_are_refused(lo: float, hi: float, reason: str)
         Interval(lo, hi)
 
 
-def test_properties() -> None:
-    x = Interval(-1, 3)
-    assert (x.lo, x.hi, x.mid, x.width, x.mag) == (-1.0, 3.0, 1.0, math.nextafter(4.0, 5.0), 3.0)
-    assert x.rad == math.nextafter(2.0, 3.0)
-    assert x.is_bounded
-    assert not x.is_empty
-    assert Interval(2).width == Interval(2).rad == 0.0
-    assert Interval.empty().is_empty
-    assert Interval.empty().is_bounded
-    assert all(math.isnan(v) for v in (Interval.empty().mid, Interval.empty().width, Interval.empty().mag))
-    assert not ENTIRE.is_bounded
-    assert ENTIRE.mid == 0.0
-    assert ENTIRE.width == ENTIRE.rad == ENTIRE.mag == math.inf
-    assert Interval(-MAX, MAX).width == math.inf
-
-
 @settings(max_examples=100, deadline=None)
 @given(x=INTERVALS, y=INTERVALS, z=INTERVALS, value=FLOATS)
 def test_set_algebra(x: Interval, y: Interval, z: Interval, value: float) -> None:

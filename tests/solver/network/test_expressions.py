@@ -8,8 +8,8 @@ import pytest
 
 from contractors import HC4, Lifted
 from cpcal.common.errors import ModelError
-from cpcal.solver.interval import Interval, IntervalArray
-from cpcal.solver.network import ConstraintNetwork, Tape, norm
+from cpcal.solver.interval import Interval
+from cpcal.solver.network import ConstraintNetwork, norm
 
 
 @pytest.fixture
@@ -94,45 +94,9 @@ def test_shape_errors_are_model_errors(net: ConstraintNetwork) -> None:
     assert accepted == []
 
 
-def test_arrays_of_expressions_are_stacked_or_the_message_says_so(net: ConstraintNetwork) -> None:
-    x, y, matrix = net.variable("x"), net.variable("y"), np.eye(2)
-    net.add(matrix @ np.stack([x, y]) == np.ones(2))  # type: ignore[list-item]
-    with pytest.raises(ModelError, match=r"numpy\.stack\(\[x, y\]\)` for `numpy\.array"):
-        net.add(matrix @ np.array([x, y]) == np.ones(2))
-    for given in ([x, y], np.array([x, y])):
-        with pytest.raises(ModelError, match=r"an array of expressions is numpy\.stack"):
-            norm(given)
-
-
 INDICES = [0, -1, slice(1, None), slice(None, None, -1), [2, 0, 0], np.array([True, False, True]), None, ...]
 INDICES += [(slice(None), 1), (..., [0, 0]), (1, slice(2)), ([0, 1], [1, 0]), (None, ..., None)]
 
 
-@pytest.mark.parametrize("index", INDICES, ids=repr)
-def test_indexing_has_the_shapes_and_values_of_numpy(net: ConstraintNetwork, index: object) -> None:
-    values = np.arange(12.0).reshape(3, 2, 2)
-    x = net.variable("x", (3, 2, 2))
-    expected = values[index]  # type: ignore[index]
-    assert x[index].shape == expected.shape
-    tape = Tape(net, [x[index]])
-    slots = tape.forward(IntervalArray.point(values.reshape(1, 12)))
-    found = tape.value(slots, x[index])
-    np.testing.assert_array_equal(found.lo[0], expected)
-
-
 SHAPES = [((3,), (3,)), ((2, 3), (3,)), ((3,), (3, 4)), ((2, 3), (3, 4)), ((5, 2, 3), (3,)), ((5, 2, 3), (5, 3, 4))]
 SHAPES += [((2, 3), (5, 3, 4)), ((1, 2, 3), (6, 3, 4)), ((3,), (5, 3, 2))]
-
-
-@pytest.mark.parametrize(("left", "right"), SHAPES)
-def test_matmul_is_numpys(net: ConstraintNetwork, left: tuple[int, ...], right: tuple[int, ...]) -> None:
-    rng = np.random.default_rng(0)
-    a, b = rng.normal(size=left), rng.normal(size=right)
-    x, y = net.variable("x", left), net.variable("y", right)
-    values = IntervalArray.point(np.concatenate([a.ravel(), b.ravel()])[None])
-    for root in (x @ y, a @ y, x @ b):
-        assert root.shape == (a @ b).shape
-        tape = Tape(net, [root])
-        found = tape.value(tape.forward(values), root)
-        np.testing.assert_allclose(found.lo[0], a @ b, rtol=1e-12, atol=1e-12)
-        assert (found.lo[0] <= a @ b + 1e-12).all()

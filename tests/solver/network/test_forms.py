@@ -142,14 +142,4 @@ def test_derivatives_across_a_pole_hold_every_secant_whatever_stands_beside_it(n
             assert matrix.lo[row, column] - room <= secant[row] <= matrix.hi[row, column] + room
 
 
-def test_rows_that_only_see_their_own_measurement_cost_no_more_than_their_number() -> None:
-    count = 20_000  # squared, 3 GB
-    net = ConstraintNetwork()
-    a = net.variable("a", 3, (-1, 1))
-    p = net.reading(np.linspace(1, 2, 3 * count).reshape((count, 3)), 0.01)
-    form = CentredForm(net, norm(p - a) - net.reading(np.ones(count), 0.1))
-    assert form.jacobian(net.domain).shape == (count, 3)
-    assert form.at(np.zeros(3)).shape == (count,)
-
-
 # known values ---------------------------------------------------------------------------------------------

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 import cpcal
-from contractors import HC4
 from cpcal import Network, Verdict
 from cpcal.common.errors import ModelError
-from cpcal.solver.contract import Repeat
 from cpcal.solver.existence import prove_unique
 from cpcal.solver.interval import Interval
 
@@ -42,19 +40,6 @@ def test_no_proof_rests_on_a_domain_that_was_cut_off(make) -> None:
     net.add(x * 3 + make(x) - make(x) == -3e-9)
     for at in (-1e-9, 1e-9):
         assert prove_unique(net, (at,)) is None
-
-
-def test_hc4_goes_back_through_periodic_functions() -> None:
-    net = Network()
-    x = net.variable("x", domain=(2.0, 40.0))
-    net.add(np.sin(x).within((0.5, 0.6)))
-    left = HC4(net).contract(net.domain).box["x"]
-    assert left.lo == pytest.approx(math.pi - math.asin(0.6))
-    assert left.hi == pytest.approx(12 * math.pi + math.asin(0.6))
-    net.add(np.cos(x) >= 0)
-    assert Repeat(HC4(net), ratio=1.0, most=3).contract(net.domain).box["x"].lo == pytest.approx(
-        2 * math.pi + math.asin(0.5)
-    )
 
 
 def test_numpy_gives_expressions_and_says_what_it_has_not() -> None:

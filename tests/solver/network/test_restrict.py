@@ -1,13 +1,9 @@
 """A network with some of its measurements is the same network for those, and loses no solution."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contractors import Lifted, lifted
-from cpcal.models import fit_model, leg_box, leg_network
-from cpcal.simulate import simulate
 from cpcal.solver.interval import Interval, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, Expr, Tape, maximum, norm, sqr
 from cpcal.solver.network.network import restricted
@@ -64,27 +60,6 @@ def test_elements_of_a_restricted_network_are_those_of_the_whole(seed: int, data
 def natural(net: ConstraintNetwork, expr: Expr, box: IntervalArray) -> IntervalArray:
     tape = Tape(net, [expr])
     return tape.value(tape.forward(box), expr)
-
-
-def few_rows(monkeypatch: pytest.MonkeyPatch, telling: int) -> None:
-    monkeypatch.setattr(lifted, "_MANY", 0)
-    monkeypatch.setattr(lifted, "_MANY_EACH", 0)
-    monkeypatch.setattr(lifted, "_TELLING", telling)
-    monkeypatch.setattr(lifted, "_ENCLOSING", telling)
-
-
-def test_steps_of_few_telling_rows_name_elements_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
-    campaign = simulate(seed=5, joint_error=1.0)
-    box = leg_box(fit_model(campaign, 1), 10.0)
-    net = leg_network(campaign, 1, box, eps=(0.0, 2.0))
-    whole = Lifted(net, objective="eps").contract(net.domain).box
-    few_rows(monkeypatch, 20)
-    result = Lifted(net, objective="eps").contract(net.domain)
-    rows = {row for step in result.steps for row in step.rows}
-    assert {c for c, _ in rows} <= {0, 1}
-    assert {k for _, k in rows} <= set(range(64))
-    assert max(k for _, k in rows) >= 40  # not numbered within the few
-    assert whole.width[:7].sum() <= result.box.width[:7].sum() * 1.1
 
 
 def test_telling_elements_are_the_worst_and_some_of_everywhere() -> None:

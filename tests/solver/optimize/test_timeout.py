@@ -69,17 +69,6 @@ def test_infeasible_goes_up_found_and_timeout_down_and_too_close_doubles_the_del
     assert [t.delay for t in trials] == delays
 
 
-def test_it_ends_when_the_bracket_is_closed() -> None:
-    def solve(eps: float, seconds: float) -> TimeoutOutcome:
-        return TimeoutOutcome(
-            TimeoutAnswer.INFEASIBLE if eps < 0.3 else TimeoutAnswer.FOUND, Witness(np.array([eps]), eps)
-        )
-
-    trials = list(timeout(solve, lo=0.0, hi=1.0, limits=Limits(gap=1e-6)))
-    assert trials[-1].lo <= 0.3 <= trials[-1].hi
-    assert trials[-1].hi - trials[-1].lo <= 1e-6
-
-
 def test_its_infeasible_answers_carry_certificates(tmp_path: Path) -> None:
     cpcal.save_campaign(cpcal.simulate(seed=4, joint_error=3.0, factor=0.0, random_poses=14, extremal=False), tmp_path)
     campaign = cpcal.load_campaign(tmp_path)
