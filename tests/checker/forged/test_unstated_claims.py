@@ -76,31 +76,22 @@ TRUE: dict[str, tuple[str, Callable[[Data, Path], object], str]] = {
     "the enclosure of fewer": (BRACKET, at_the_lower_bound, "eps up to which the enclosure holds"),
     "a wider enclosure": (BRACKET, wider, "enclosure"),
     "a smaller lower bound": (BRACKET, least, "eps_lo"),
-    "no point": (
-        BRACKET,
-        lambda c, run: c.update(point=None) or c["epsilon"].update(hi=None),
-        "eps up to which the enclosure holds",
-    ),
+    "no point": (BRACKET, lambda c, run: c.update(point=None) or c["epsilon"].update(hi=None),
+        "eps up to which the enclosure holds"),
     "wider ranges": (RANGES, wider, "enclosure"),
     "a point of the ranges": (RANGES, as_in(BRACKET, "point"), "point of the ranges"),
     "ranges at less": (RANGES, as_in(BRACKET, "cap"), "the cap is not an eps of the problem"),
     "all readings of smaller sets": (RECOMMENDED, at_point(factor="0x1p-1"), "factor of recommended"),
     "some readings": (PASSES, at_point(factor=None), "factor of passes_from"),
-    "a larger error": (
-        RECOMMENDED,
-        at_point(at=lambda x: [*x[:-1], (float.fromhex(x[-1]) + 1.0).hex()]),
-        "eps of recommended",
-    ),
+    "a larger error": (RECOMMENDED, at_point(at=lambda x: [*x[:-1], (float.fromhex(x[-1]) + 1.0).hex()]),
+        "eps of recommended"),
     "fewer measurements": (PASSES, at_point(holds=list(range(15))), "of which its certificate claims nothing"),
     "another factor": (REDUCED, at_point(factor=lambda f: (float.fromhex(f) / 2).hex()), "factor of reduced"),
-    "another tolerance": (
-        REDUCED,
-        at_point(at=lambda x: [*x[:-1], (float.fromhex(x[-1]) + 1.0).hex()]),
-        "eps of reduced",
-    ),
+    "another tolerance": (REDUCED, at_point(at=lambda x: [*x[:-1], (float.fromhex(x[-1]) + 1.0).hex()]),
+        "eps of reduced"),
     "reduced for other parameters": (REDUCED, best_in_place, "point of reduced"),
     "an enclosure of nothing": (REDUCED, lambda c, run: c.update(enclosure=own_box(run)), "another claims"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", TRUE)

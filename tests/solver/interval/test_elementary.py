@@ -76,36 +76,16 @@ def rational(n: int) -> Fraction:
 
 CORES: dict[str, tuple[Callable[..., Any], float, float, Callable[[arb], arb], Callable[[arb], arb]]] = {
     # name: core, range, size of the tail per argument, the function, its truncation error over |r| at most r
-    "exp": (
-        el.exp_core,
-        0.36,
-        0.0,
-        lambda r: r.exp(),
-        lambda r: series(el.EXP, lambda n: Fraction(1, factorial(n)), 0, r),
-    ),
+    "exp": (el.exp_core, 0.36, 0.0, lambda r: r.exp(),
+        lambda r: series(el.EXP, lambda n: Fraction(1, factorial(n)), 0, r)),
     "log": (el.log_core, 0.22, 0.0, lambda s: 2 * s.atanh(), lambda s: 2 * s**3 * series(el.ATANH, rational, 1, s**2)),
-    "sin": (
-        el.sin_core,
-        0.79,
-        UNIT,
-        lambda r: r.sin(),
-        lambda r: r**3 * series(el.SIN, lambda n: Fraction((-1) ** n, factorial(2 * n + 1)), 1, r**2),
-    ),
-    "cos": (
-        el.cos_core,
-        0.79,
-        UNIT,
-        lambda r: r.cos(),
-        lambda r: r**2 * series(el.COS, lambda n: Fraction((-1) ** n, factorial(2 * n)), 1, r**2),
-    ),
-    "atan": (
-        el.atan_core,
-        el.TAN_PI_8,
-        0.0,
-        lambda t: t.atan(),
-        lambda t: t**3 * series(el.ATAN, lambda n: (-1) ** n * rational(n), 1, t**2),
-    ),
-}
+    "sin": (el.sin_core, 0.79, UNIT, lambda r: r.sin(),
+        lambda r: r**3 * series(el.SIN, lambda n: Fraction((-1) ** n, factorial(2 * n + 1)), 1, r**2)),
+    "cos": (el.cos_core, 0.79, UNIT, lambda r: r.cos(),
+        lambda r: r**2 * series(el.COS, lambda n: Fraction((-1) ** n, factorial(2 * n)), 1, r**2)),
+    "atan": (el.atan_core, el.TAN_PI_8, 0.0, lambda t: t.atan(),
+        lambda t: t**3 * series(el.ATAN, lambda n: (-1) ** n * rational(n), 1, t**2)),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", CORES)
