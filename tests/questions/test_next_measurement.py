@@ -8,6 +8,7 @@ import pytest
 from cpcal.common.errors import InputError
 from cpcal.models.hand_eye import simulate_hand_eye
 from cpcal.models.leg_set import SIZE
+from cpcal.models.platform import Cells, cell_bounds
 from cpcal.questions.next_measurement import Polytope, next_images, next_poses
 from cpcal.robot import central_pose
 from tests.models.known_robot import known
