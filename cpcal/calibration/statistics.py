@@ -9,8 +9,8 @@ in the mean and cannot be seen here.
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -31,8 +31,7 @@ from cpcal.robot import (
 POSE_CHANNELS = ("x", "y", "z", "rx", "ry", "rz")  # mm and rad
 
 
-@dataclass(frozen=True, eq=False)
-class Deviations:
+class Deviations(NamedTuple):
     """N readings of C channels, each less its configuration's mean.
 
     names     of the K configurations, in the order of their first reading
@@ -203,8 +202,7 @@ _DIFFERENCE = 0.9538725524175594  # median of the difference of two normal numbe
 _OUTLIERS_MAX = 0.1  # share of the readings
 
 
-@dataclass(frozen=True, eq=False)
-class Screening:
+class Screening(NamedTuple):
     """Scores (N, C) in robust standard deviations, and the readings with one beyond `THRESHOLD`.
 
     channels   C names; untested: those where more than half of the readings agree exactly, whose MAD is zero
@@ -292,8 +290,7 @@ _FLOOR = 1e-3  # of a channel's variance, below which its noise is not said to b
 _SEEN = 3.0  # standard errors from which the robot's own scatter is said to be seen
 
 
-@dataclass(frozen=True, eq=False)
-class Repeatability:
+class Repeatability(NamedTuple):
     """Covariances of single repeats, and what they were estimated from.
 
     camera     (6, 6) of position (mm) and rotation vector (rad) in the camera frame
@@ -460,8 +457,7 @@ def repeat_tests(found: Repeatability, runs: Sequence[str]) -> Tests:
 # The rows of one of a study's tables: as measured, without outliers, and as means of the images of each run.
 
 
-@dataclass(frozen=True, eq=False)
-class StudyRows:
+class StudyRows(NamedTuple):
     """Measurements of a table.
 
     screening   outliers among them; None where no pose is repeated, so that nothing tells them

@@ -17,11 +17,11 @@ import math
 import os
 import types
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Generic, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Generic, NamedTuple, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 from cpcal.common.documents import json_object
 from cpcal.common.errors import CpcalError, InputError, shown, unusable
@@ -126,8 +126,7 @@ def decoded(kind: Any, value: Any, where: str = "it") -> Any:
     return _plain(kind, value, where)
 
 
-@dataclass(frozen=True)
-class _Field:
+class _Field(NamedTuple):
     """A field of a dataclass: its key, its type, how it is checked, and the keys of what proves it."""
 
     name: str

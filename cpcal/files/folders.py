@@ -182,20 +182,20 @@ def load_campaign_json(path: str | os.PathLike[str]) -> Campaign:
 
 
 def _campaign(data: dict[str, Any]) -> Campaign:
-    robot, stated, asked = data["robot"], data["uncertainty"], data["model"]
+    robot, stated, asked = Robot(**data["robot"]), data["uncertainty"], data["model"]
     rows: list[list[str]] = data["measurements"]
-    legs = len(robot["offset"])
     numbers = np.array([[float(v) for v in row[2:]] for row in rows], dtype=np.float64).reshape(len(rows), -1)
-    ends = np.cumsum([3, 4, legs, 3, 3])
-    arrays = dict(zip(ARRAYS, np.split(numbers, ends, axis=1), strict=True))
+    ends = np.cumsum([3, 4, robot.legs, 3, 3])
+    if stated is not None and stated["factor"] is not None:
+        stated["factor"] = float(stated["factor"])
     campaign = Campaign(
-        robot=Robot(robot["name"], *(_floats(robot[key]) for key in ("base", "mobile", "offset"))),
+        robot=robot,
         pose=tuple(row[0] for row in rows),
         run=tuple(row[1] for row in rows),
-        uncertainty=stated and Uncertainty(**{key: value and _floats(value) for key, value in stated.items()}),
+        uncertainty=stated and Uncertainty(**stated),
         provenance=data["provenance"],
-        model=asked and ModelChoice(asked["name"], {k: float(v) for k, v in asked["half_widths"].items()}),
-        **arrays,
+        model=asked and ModelChoice(**asked),
+        **dict(zip(ARRAYS, np.split(numbers, ends, axis=1), strict=True)),
     )
     fill(campaign, files=tuple((file["name"], file["sha256"]) for file in data["files"]))
     return campaign
@@ -208,10 +208,6 @@ def _texts(value: Any) -> Any:
     if isinstance(value, np.ndarray | list):
         return [_texts(one) for one in (value.tolist() if isinstance(value, np.ndarray) else value)]
     return value if value is None or isinstance(value, str) else repr(float(value))
-
-
-def _floats(value: Any) -> Any:
-    return float(value) if isinstance(value, str) else np.array(value, dtype=str).astype(np.float64)
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -18,11 +18,10 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial, reduce
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -79,8 +78,7 @@ _BINARY: dict[str, Callable[[Value, Value], Value]] = {"+": plus, "-": minus, "*
 Names = Mapping[str, Value]
 
 
-@dataclass(frozen=True)
-class Token:
+class Token(NamedTuple):
     """kind: "number", "name", "keyword", "sign" or "end of file"; text as written (keywords in small letters)."""
 
     kind: str
@@ -89,8 +87,7 @@ class Token:
     column: int
 
 
-@dataclass(frozen=True)
-class SyntaxNode:
+class SyntaxNode(NamedTuple):
     """kind       "number", "name", "call or index", "index", "row", "column", "interval", "sum", "negative" or the
                sign of an operation
     parts      the nodes below; `token` is where it stands
@@ -103,22 +100,19 @@ class SyntaxNode:
     from_zero: bool = False
 
 
-@dataclass(frozen=True)
-class Function:
+class Function(NamedTuple):
     inputs: tuple[Token, ...]
     steps: tuple[tuple[Token, SyntaxNode], ...]
     result: SyntaxNode
 
 
-@dataclass(frozen=True)
-class Relation:
+class Relation(NamedTuple):
     sign: Token
     left: SyntaxNode
     right: SyntaxNode
 
 
-@dataclass(frozen=True)
-class Loop:
+class Loop(NamedTuple):
     name: Token
     first: SyntaxNode
     last: SyntaxNode
@@ -338,17 +332,23 @@ class _Parser:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# What expressions are worth, by the names that are known where they stand.
+# What expressions are worth, by the names that are known where they stand; and what a file means: its declarations, in
+# their order, become a network, and an objective where there is one.
 
 
-class _Evaluator(_Parser):
-    """Functions see `constants` and their inputs, nothing else. Every error is an InputError with line and column."""
+class _Meaning(_Parser):
+    """Builds the problem of one file while it is parsed. Functions see `constants` and their inputs, nothing else.
+    Every error is an InputError with line and column."""
 
     def __init__(self, text: str, where: str) -> None:
         super().__init__(text, where)
+        self.network = Network(Path(where).stem or "problem")
         self.constants: dict[str, Value] = {"pi": _PI, "oo": Data(Interval(_LARGEST, np.inf))}
+        self.names: dict[str, Value] = {}  # of variables
         self.functions: dict[str, Function] = {}
         self.calls = 0  # of functions in one another
+
+    # expressions ------------------------------------------------------------------------------
 
     @contextmanager
     def placed(self, token: Token) -> Iterator[None]:
@@ -453,18 +453,7 @@ class _Evaluator(_Parser):
         self.calls -= 1
         return found
 
-
-# ------------------------------------------------------------------------------------------------------------------
-# What a file means: its declarations, in their order, become a network, and an objective where there is one.
-
-
-class _Meaning(_Evaluator):
-    """Builds the problem of one file while it is parsed."""
-
-    def __init__(self, text: str, where: str) -> None:
-        super().__init__(text, where)
-        self.network = Network(Path(where).stem or "problem")
-        self.names: dict[str, Value] = {}  # of variables
+    # the whole file ---------------------------------------------------------------------------
 
     def problem(self) -> StatedProblem:
         if self.takes("constants"):

@@ -63,7 +63,7 @@ class Answer:
     status: str
     nodes: int
     seconds: float
-    pending: int = 0
+    pending: int
     paving: Paving | None = None
     best: Minimum | None = None
     uncertified: InputError | None = None

@@ -10,8 +10,9 @@ from __future__ import annotations
 import itertools
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -109,14 +110,14 @@ def other_readings(given: Given) -> Variants:
         name = "readings are whole leg lengths, to which the offset is added again"
         yield name, given.read(given.length - given.robot.offset)
     yield "readings have the wrong sign", given.read(-given.length)
-    for leg in range(given.robot.legs):
-        length = given.length.copy()
-        length[:, leg] = np.median(given.nominal[:, leg] - given.robot.offset[leg] + length[:, leg]) - length[:, leg]
+    every = np.arange(given.robot.legs)
+    backwards = np.median(given.nominal - given.robot.offset + given.length, axis=0) - given.length
+    for leg in every:
+        length = np.where(every == leg, backwards, given.length)
         yield f"the readings of leg {leg + 1} count the other way", given.read(length)
-    for leg, unit in itertools.product(range(given.robot.legs), LENGTHS):
+    for leg, (unit, size) in itertools.product(every, LENGTHS.items()):
         if unit != "mm":
-            length = given.length.copy()
-            length[:, leg] *= float(LENGTHS[unit])
+            length = np.where(every == leg, float(size) * given.length, given.length)
             yield f"the readings of leg {leg + 1} are in {NAMES[unit]}, not mm", given.read(length)
 
 
@@ -308,8 +309,7 @@ MISTAKES: tuple[tuple[Callable[[Given], Variants], int, int], ...] = (
 # what a fit leaves and how far it goes. Readings count in units of their own spread: else small units would win.
 
 
-@dataclass(frozen=True, eq=False)
-class Scores:
+class Scores(NamedTuple):
     """Of H hypotheses: -2 log likelihood; what fits leave, mm, and by how much drawing and readings disagree, mm
     (robust, of the worst leg); the latter as a share of the robot's size, which is a leg's length, or six times the
     platform's radius where that is less; drawings and fits (H, n, 7), mm."""
@@ -427,8 +427,7 @@ SHARE = 0.05  # of the robot's size: no drawing is so bad
 DISAGREE = 0.01  # of it, from which drawing and readings disagree: calibration is for less
 
 
-@dataclass(frozen=True)
-class Cause:
+class Cause(NamedTuple):
     """A likely mistake; what fits leave, and how far drawing and readings are apart, with it and without, mm."""
 
     name: str
@@ -589,8 +588,7 @@ _UNIFORM = 3.0**0.5  # half-widths that are stated without a factor are those of
 TOO_LARGE, TOO_SMALL = 20.0, 3.0  # of the deviations of residuals from which they are in question
 
 
-@dataclass(frozen=True, eq=False)
-class Spread:
+class Spread(NamedTuple):
     """left (n,) mm: deviation of the residuals of each leg's fit (robust); ratio (n,) to what is stated, None where
     readings are called exact or are few; off, share: by how many mm, and how much of the robot's size, drawing and
     readings are apart; fitted (n, 7) mm: robust, near the drawing."""

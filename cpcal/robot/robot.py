@@ -174,7 +174,7 @@ class KnownRobot:
     robot: Robot
     source: str
     stroke: tuple[float, float]
-    workspace: PoseRange | None = None
+    workspace: PoseRange | None
 
 
 ROBOTS = {

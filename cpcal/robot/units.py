@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -155,8 +155,7 @@ def override_columns(legs: int) -> list[str]:
     return ["dx", "dy", "dz", "drx", "dry", "drz", *(f"dL{i}" for i in range(1, legs + 1))]
 
 
-@dataclass(frozen=True)
-class ColumnSource:
+class ColumnSource(NamedTuple):
     """A column of a foreign table: its name, or its number from 1; and its unit, where one is given."""
 
     name: str

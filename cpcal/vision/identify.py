@@ -29,6 +29,7 @@ import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -141,8 +142,7 @@ _OFF = 0.25  # of a step: how far from its place a dot is numbered, meanwhile
 _SHARE, _PART = 0.5, 0.35  # of the dots that a way to lay the target must explain; and a lattice
 
 
-@dataclass(frozen=True, eq=False)
-class Lattice:
+class Lattice(NamedTuple):
     """nodes (k, 2) whole numbers of some dots; homography (3, 3) from there to the dots' places; members (k,) which."""
 
     nodes: Ints
@@ -240,8 +240,7 @@ _TOLERANCE = 0.25  # of the radius
 _REGULAR = 0.03  # of a step: how far a dot may be off the grid
 
 
-@dataclass(frozen=True, eq=False)
-class SelfMaps:
+class SelfMaps(NamedTuple):
     """Affine maps S, other than the identity, best first.
 
     matrix (m, 3, 3); image (m, n): the dot that S lays dot i on, or -1; mirrored (m,); exact (m,) whether S lays all
@@ -292,8 +291,7 @@ _ROUGH = 0.1  # of the spacing: how far dots may be off for that
 TRIED = _LATTICES * len(_TURNS) * 1000  # hypotheses, at most: for what chance alone would explain
 
 
-@dataclass(frozen=True, eq=False)
-class Hypothesis:
+class Hypothesis(NamedTuple):
     """A homography (target mm to points of the view) with the pairs that it explains.
 
     found, numbers (m,) pairs; in_view (n,) which of the target's dots should be seen; errors: dots in view without a
@@ -410,7 +408,7 @@ def apart(view: View, target: Target, fit: Hypothesis) -> int:
     """How many errors, `_APART` at most, the best near-symmetry that a camera could see (none of the mirrored) makes on
     dots that are all where `fit` has them, and in view."""
     shown = np.flatnonzero(fit.in_view)
-    perfect = replace(fit, found=np.arange(len(shown)), numbers=shown, errors=0)
+    perfect = fit._replace(found=np.arange(len(shown)), numbers=shown, errors=0)
     points = mapped(fit.homography, target.dots[shown])
     return min(_APART, best_rival(replace(view, points=points), target, perfect, _APART, mirrored=False)[0])
 
@@ -418,7 +416,7 @@ def apart(view: View, target: Target, fit: Hypothesis) -> int:
 # ------------------------------------------------------------------------------------------------------------------
 # The answer.
 
-ACCIDENTS = 1e-9  # expected number of hypotheses as good by chance
+_ACCIDENTS = 1e-9  # expected number of hypotheses as good by chance
 MARGIN = 4  # errors by which every rival must be worse
 FEWEST = 12  # dots
 _ANOTHER = 20  # dots that are not the target's and so may be another one's
@@ -446,7 +444,6 @@ class Identification:
     numbers     (m,) which dots of the target they are
     false       found dots that are none of the target's
     missing     dots of the target that should be in view and were not found
-    accidents   expected number of hypotheses as good by chance
     margin      how many errors more every rival has at least
     """
 
@@ -454,8 +451,7 @@ class Identification:
     numbers: Ints
     false: Ints
     missing: Ints
-    accidents: float = 0.0
-    margin: int = MARGIN
+    margin: int
 
 
 def identify(
@@ -574,7 +570,7 @@ def _tested(view: View, target: Target, fit: Hypothesis) -> Identification | Uni
     """The five tests of a hypothesis, but whether the target is alone."""
     in_view = int(fit.in_view.sum())
     by_chance = accidents(view, fit, TRIED)
-    if by_chance > ACCIDENTS or len(fit.found) < FEWEST:
+    if by_chance > _ACCIDENTS or len(fit.found) < FEWEST:
         return Unidentified("")
     if len(fit.found) < _SHARE * in_view:
         return Unidentified(
@@ -595,4 +591,4 @@ def _tested(view: View, target: Target, fit: Hypothesis) -> Identification | Uni
         return Unidentified("ambiguous: too few of the dots that tell the target's turns apart are in view")
     false = np.setdiff1d(np.arange(len(view.points)), fit.found)
     missing = np.setdiff1d(np.flatnonzero(fit.in_view), fit.numbers)
-    return Identification(fit.found, fit.numbers, false, missing, by_chance, margin)
+    return Identification(fit.found, fit.numbers, false, missing, margin)

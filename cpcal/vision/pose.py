@@ -8,7 +8,7 @@ answer is a refusal.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -187,8 +187,7 @@ class Pixels:
         return Pixels(self.dots[used], self.seen[used], self.factors[used], self.radius, self.camera)
 
 
-@dataclass(frozen=True, eq=False)
-class PoseFit:
+class PoseFit(NamedTuple):
     pose: Pose
     chi_square: float
     normal: Floats  # (6, 6), the inverse of the covariance

@@ -63,7 +63,7 @@ def render(
     return exposed(_covered(target, camera, pose, scene.blur, hidden), scene, bright=bool(target.bright), seed=seed)
 
 
-def exposed(share: Single, scene: Scene, *, bright: bool = True, seed: int = 0) -> Grey:
+def exposed(share: Single, scene: Scene, *, bright: bool = True, seed: int) -> Grey:
     """The image of a surface, (height, width): light, noise and quantisation. Light falls on the surface before the
     optics blur it: where it grows, an edge seems to move (exactly so for light that grows linearly).
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import InputError, Problem, unusable
+from cpcal.common.errors import refuse, unusable
 from cpcal.common.values import Floats, Ints, Value, fill, frozen_array
 
 MOST_DOTS = 500  # what identification takes grows with the square, and with symmetries faster
@@ -57,20 +57,18 @@ class Target(Value):
             raise unusable("target dots", f"are {len(self.dots):,}", f"give at most {MOST_DOTS}")
         if self.board and len(Board.parsed(self.board).dots) != len(self.dots):
             raise unusable("target board", f"{self.board} has not {len(self.dots)} dots", "give the board's, in order")
-        out: list[Problem] = []
-        distances = np.linalg.norm(self.dots[:, None] - self.dots, axis=2)
+        wrong, distances = [], np.linalg.norm(self.dots[:, None] - self.dots, axis=2)
         for i, j in np.argwhere(np.triu(distances <= 2.0 * self.radius, 1))[:_TOLD].tolist():
-            apart = float(distances[i, j])
-            what = f"{i} and {j} are {apart:g} mm apart and overlap" if apart else f"{i} and {j} are in the same place"
-            out.append(Problem("target dots", what, "give each dot once, farther apart than its diameter"))
-        if not 0.0 <= self.scale_sigma <= MOST_SCALE_SIGMA:
-            remedy = f"give a share from 0 to {MOST_SCALE_SIGMA:g}: 0.0001 is 0.03 mm of 300"
-            out.append(Problem("target scale_sigma", f"is {self.scale_sigma:g}", remedy))
-        if not 0.0 <= self.dot_sigma <= MOST_DOT_SIGMA:
-            what, remedy = f"is {self.dot_sigma:g}", f"give mm, from 0 to {MOST_DOT_SIGMA:g}"
-            out.append(Problem("target dot_sigma", what, remedy))
-        if out:
-            raise InputError(out)
+            apart = f"{distances[i, j]:g} mm apart and overlap" if distances[i, j] else "in the same place"
+            remedy = "give each dot once, farther apart than its diameter"
+            wrong.append((True, "target dots", f"{i} and {j} are {apart}", remedy))
+        share = f"give a share from 0 to {MOST_SCALE_SIGMA:g}: 0.0001 is 0.03 mm of 300"
+        size = f"give mm, from 0 to {MOST_DOT_SIGMA:g}"
+        refuse(
+            *wrong,
+            (not 0.0 <= self.scale_sigma <= MOST_SCALE_SIGMA, "target scale_sigma", f"is {self.scale_sigma:g}", share),
+            (not 0.0 <= self.dot_sigma <= MOST_DOT_SIGMA, "target dot_sigma", f"is {self.dot_sigma:g}", size),
+        )
 
     @property
     def printed(self) -> bool:

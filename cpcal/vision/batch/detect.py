@@ -18,7 +18,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -182,8 +182,7 @@ class ImageFolder:
         return read_image(image_path(self.folder, name), self.size)
 
 
-@dataclass(frozen=True)
-class Detections:
+class Detections(NamedTuple):
     """What `detect` found: rows in the order of the names, how many were measured now, and seconds of processor time
     that took, all workers together."""
 

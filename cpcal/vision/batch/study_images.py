@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path, PurePosixPath
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -34,10 +35,11 @@ from cpcal.vision.target import Target
 
 MEAN = "mean"  # the name of an image that is the mean of a run's others
 _AIM = (0.0, 0.0, 350.0)  # mm, base frame: where the DeltaLab platform is, in the middle of its strokes
+_ABOVE = 780.0  # mm above there: from where a camera looks down
 
 
-def camera_above(distance: float = 780.0, *, seed: int = 0) -> Pose:
-    """The base frame seen by a camera `distance` mm above the middle of the platform's workspace, aimed by eye.
+def camera_above(*, seed: int) -> Pose:
+    """The base frame seen by a camera above the middle of the platform's workspace, aimed by eye.
 
     From there the target is 690 to 860 mm away, and wholly in sight but for a few dots at the farthest poses.
     """
@@ -45,7 +47,7 @@ def camera_above(distance: float = 780.0, *, seed: int = 0) -> Pose:
     turn = quaternion_from_rotation_vector([0.0, 0.0, rng.uniform(-0.2, 0.2)])
     tilt = quaternion_from_rotation_vector([*rng.normal(0.0, math.radians(1.5), 2), 0.0])
     quaternion = quaternion_product(tilt, quaternion_product(np.array([0.0, 1.0, 0.0, 0.0]), turn))
-    aimed = Pose(np.array([*rng.normal(0.0, 5.0, 2), distance]), quaternion)
+    aimed = Pose(np.array([*rng.normal(0.0, 5.0, 2), _ABOVE]), quaternion)
     return Pose(aimed.position - aimed.rotation @ np.array(_AIM), quaternion)
 
 
@@ -152,8 +154,7 @@ _TRIED = 2  # images of each reason, where the first cannot be read
 _WIDTH = 420  # pixels of a picture
 
 
-@dataclass(frozen=True)
-class SeenImage:
+class SeenImage(NamedTuple):
     """The row of an image, and a JPEG of `size` (width, height) of what was found in it."""
 
     row: Detection

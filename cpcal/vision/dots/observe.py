@@ -238,7 +238,7 @@ def observe_dots(image: object, *, bright: bool | None = None) -> Dots:
     return max(found, key=lambda dots: float(dots.quality.sum()), default=nothing(bool(bright)))
 
 
-def populations(image: object, *, bright: bool | None = None) -> Iterator[Dots]:
+def populations(image: object, *, bright: bool | None) -> Iterator[Dots]:
     """The dots of an image of each kind and size that they may be of, the likelier first, one by one as they are asked
     for. What they have in common cannot tell a target's dots from a background's specks; identification can. Where most
     spots are no dots, the image may be softer than its pixels (a wide lens, a camera that smooths): it is halved."""

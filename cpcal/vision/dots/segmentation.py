@@ -7,9 +7,9 @@ are and whether they are bright; the second uses a neighbourhood made for them, 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -180,8 +180,7 @@ def gaps(found: Spots) -> Floats:
     return np.asarray((apart - long[other])[:, 1:].min(axis=1) - long[:-1])
 
 
-@dataclass(frozen=True)
-class Survey:
+class Survey(NamedTuple):
     """What a first look tells of the dots, if they are bright, or dark: their number, radius (pixels), and the contrast
     (grey levels) they must have."""
 
@@ -199,7 +198,7 @@ def surveys(image: Grey8, half: Grey8, bright: bool) -> Iterator[Survey]:
     if image.size >= _LARGE:
         for one in surveys(half, halved(half), bright):
             if one.number >= _ENOUGH and 2.0 * _SMALL <= one.radius <= 0.5 * _LARGEST:
-                yield replace(one, radius=2.0 * one.radius, contrast=max(least, one.contrast))
+                yield one._replace(radius=2.0 * one.radius, contrast=max(least, one.contrast))
     if min(image.shape) >= _SMALLEST:
         mean = opencv().blur(half, (_WIDEST, _WIDEST))
         some = _standing_out(_excess(half, mean, bright), max(_NOISE * noise_level(half), _LEAST), bright)

@@ -161,16 +161,16 @@ def load_target(path: str | os.PathLike[str]) -> Target:
     return _loaded(path, TARGET_FORMAT, ("target",), _target)
 
 
-def save_target(target: Target, path: str | os.PathLike[str], provenance: dict[str, str] | None = None) -> None:
+def save_target(target: Target, path: str | os.PathLike[str]) -> None:
     """Write the target to the file `path`, complete or not at all. Raises InputError when it cannot be written."""
-    write_file(Path(path), target_bytes(target, provenance))
+    write_file(Path(path), target_bytes(target))
 
 
-def target_bytes(target: Target, provenance: dict[str, str] | None = None) -> bytes:
+def target_bytes(target: Target) -> bytes:
     """The canonical target.toml; floats by repr, so that they are read back bit for bit."""
     stated = {key: getattr(target, key) or None for key in ("scale_sigma", "dot_sigma", "board")}  # 0: nothing is said
     keys = {key: getattr(target, key) for key in ("name", "bright", "radius", "dots")}
-    return document(TARGET_FORMAT, {"target": keys | stated}, provenance or {})
+    return document(TARGET_FORMAT, {"target": keys | stated}, {})
 
 
 def _target(reader: TomlReader) -> Target | None:
@@ -250,9 +250,6 @@ def camera_from_yaml(path: Path) -> Camera:
     distortion = _numbers(document, "distortion_coefficients", wrong)
     model = _model(document, distortion, wrong)
     problems.raise_any()
-    assert matrix is not None
-    assert distortion is not None
-    assert model is not None
     if matrix.size != 9:
         raise unusable(str(path), f"camera_matrix has {matrix.size} numbers", "give 3 x 3")
     fx, skew, cx, zero, fy, cy, *last = matrix.tolist()
@@ -271,31 +268,28 @@ def camera_from_yaml(path: Path) -> Camera:
     return camera
 
 
-def _numbers(document: dict[str, Any], key: str, wrong: Any) -> Floats | None:
-    """The entries of a matrix, in rows."""
+def _numbers(document: dict[str, Any], key: str, wrong: Any) -> Floats:
+    """The entries of a matrix, in rows; none where it is wrong."""
     value = document.get(key)
     data: Any = value.get("data") if isinstance(value, dict) else value
     try:
         return np.array([float(v) for v in data])
     except (TypeError, ValueError):
         wrong(f"{key} is {shown(value)}" if key in document else f"{key} is missing", "give a matrix with its data")
-        return None
+        return np.zeros(0)
 
 
-def _model(document: dict[str, Any], distortion: Floats | None, wrong: Any) -> str | None:
+def _model(document: dict[str, Any], distortion: Floats, wrong: Any) -> str:
     """The lens: as it is named, or by the count of its numbers. OpenCV's four numbers are k1, k2, p1, p2."""
     named = document.get("distortion_model")
     if named is not None and not (isinstance(named, str) and named in _ROS_MODELS):
         wrong(f"distortion_model is {shown(named)}", f"known are {', '.join(_ROS_MODELS)}")
-        return None
-    if distortion is None:
-        return None
+        return BROWN
     fisheye = document.get("fisheye_model") == "1"
     model = _ROS_MODELS[named] if named else "fisheye" if fisheye else "rational" if len(distortion) == 8 else BROWN
     if model == BROWN and len(distortion) == 4:
         distortion.resize(5, refcheck=False)
-    if len(distortion) != len(LENSES[model]):
+    if len(distortion) not in (0, len(LENSES[model])):  # that there are none was said
         names = ", ".join(LENSES[model])
         wrong(f"distortion_coefficients has {len(distortion)} numbers", f"a lens of the model {model} has {names}")
-        return None
     return model

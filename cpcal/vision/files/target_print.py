@@ -8,9 +8,8 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
@@ -45,8 +44,7 @@ _STYLE: dict[Any, Any] = {
 }
 
 
-@dataclass(frozen=True)
-class Sheet:
+class Sheet(NamedTuple):
     """The page of a target: its paper, "" for a size of its own; width and height, mm; and its lower left corner as the
     target's frame has it, y up (`upward`)."""
 
