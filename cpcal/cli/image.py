@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -176,11 +175,9 @@ def detect(
     nothing. The table is the same, byte for byte, whatever the number of workers. FILE.html is a page: counts, some
     images with what was found, time.
     """
+    apart = (readings is None) != (table is None), "options", "--readings and --table go together", "give both"
     _, _, plate, lens, known, turn = together(
-        partial(
-            refuse,
-            ((readings is None) != (table is None), "options", "--readings and --table go together", "give both"),
-        ),
+        partial(refuse, apart),
         partial(_names, images),
         partial(load_target, target),
         partial(load_camera, camera),
@@ -371,14 +368,14 @@ def sets(
     source = ImageFolder(images, (lens.camera.width, lens.camera.height))
     sources = {camera.name: camera.read_bytes()}
     sources |= {target.name: target.read_bytes()} if target.is_file() else {"target.toml": target_bytes(plate)}
-    work = Enclosing(source, plates, cameras, half_width, outliers, folder, sources, turn)
     rows: list[Enclosed] = []
     with (
         heard(terminate=True),
         answers_into(folder, POSE_SETS) as draft,
         counted("images", talk.console()) as progress,
     ):
-        for some in in_parallel(replace(work, folder=draft), names, workers):
+        work = Enclosing(source, plates, cameras, half_width, outliers, draft, sources, turn)
+        for some in in_parallel(work, names, workers):
             rows += some
             progress(len(rows), len(names))
         rows.sort(key=lambda one: one.file)

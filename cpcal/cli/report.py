@@ -59,9 +59,10 @@ from cpcal.simulate import true_robot
 
 def _accepted(folder: Path) -> None:
     """Raises typer.Exit when something of a folder is refused, which is said, and InputError."""
-    if refused := refusals(folder):
-        for sentence in refused:
-            typer.echo(printable(f"{folder.name}: {sentence}"))
+    refused = refusals(folder)
+    for sentence in refused:
+        typer.echo(printable(f"{folder.name}: {sentence}"))
+    if refused:
         raise typer.Exit(Status.UNKNOWN)
 
 

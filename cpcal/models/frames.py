@@ -136,7 +136,11 @@ class Prover:
         self.study, self.tell = study, tell
         self.exact = exact_study(study)
         self.digest = sha256(study_json(study)).hexdigest()
-        self.hand, self.board = _origins(study, near)
+        # the origins: where the board's centre is in the mean of the images, and the centre of the board
+        middle = 0.5 * (study.points.min(axis=0) + study.points.max(axis=0))
+        turn, shift = study.motions()
+        mean = (turn @ (near.f_rotation @ middle + near.f_translation) + shift).mean(axis=0)
+        self.hand, self.board = exact(np.round(mean * 8.0) / 8.0), exact(middle)
         given = tuple(center), F(reach), None if angle is None else F(angle)
         self.root = asked_box(*given, self.hand, self.board)
         self.asked = {
@@ -224,14 +228,6 @@ class Prover:
         programs, timed = before.programs + found.programs, before.timed or found.timed
         last = tuple((side, k) for side, k, *_ in found.steps[-1].get("rows", ())) if found.steps else ()
         return Proof(eps, left, file, before.poses, before.sets, files, last, programs, timed)
-
-
-def _origins(study: HandEyeStudy, near: HandEyeFrames) -> tuple[tuple[F, ...], tuple[F, ...]]:
-    """w, where the board's centre is in the mean of the images, and c: the centre of the board."""
-    center = 0.5 * (study.points.min(axis=0) + study.points.max(axis=0))
-    turn, shift = study.motions()
-    mean = (turn @ (near.f_rotation @ center + near.f_translation) + shift).mean(axis=0)
-    return exact(np.round(mean * 8.0) / 8.0), exact(center)
 
 
 def spread(study: HandEyeStudy, images: Sequence[int], count: int) -> list[int]:

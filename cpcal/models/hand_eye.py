@@ -267,11 +267,20 @@ def load_hand_eye(path: str | os.PathLike[str]) -> HandEyeStudy:
     if not folder.is_dir():
         what = "is not a folder" if folder.exists() else "does not exist"
         raise InputError([Problem(str(folder), what, _ABSENT)], see=_SEE)
-    setup, camera, provenance = _settings(folder, problems)
+    reader = TomlReader.opened(folder / HANDEYE_NAME, HANDEYE_FORMAT, ("study",), problems, _ABSENT)
+    provenance = {} if reader is None else reader.provenance()
+    said = None if reader is None else reader.section("study", {"setup": one_of(SETUPS), "camera": _camera_file})
+    camera = None
+    try:
+        if said is not None:
+            camera = load_camera(folder / said["camera"]).camera
+    except InputError as error:
+        for problem in error.problems:
+            problems.add(problem)
     poses = _table(folder / POSES_NAME, POSE_COLUMNS, list(POSE_WIDTHS), problems)
     points = _table(folder / POINTS_NAME, POINT_COLUMNS, ["du"], problems)
     problems.raise_any(_SEE)
-    assert setup is not None  # what keeps these from being read is a problem, and was raised
+    assert said is not None  # what keeps these from being read is a problem, and was raised
     assert camera is not None
     where, number = str(folder / POINTS_NAME), {name: k for k, name in enumerate(poses.names["image"])}
     for name in sorted(set(points.names["image"]) - set(number)):
@@ -286,7 +295,8 @@ def load_hand_eye(path: str | os.PathLike[str]) -> HandEyeStudy:
     problems.raise_any(_SEE)
     places = [number[name] for name in points.names["image"]]
     wide = _numbers(poses, [*POSE_COLUMNS[1:], *POSE_WIDTHS])
-    return _study(setup, camera, provenance, (poses.names["image"], wide), places, (points.names["point"], numbers))
+    seen = points.names["point"], numbers
+    return _study(said["setup"], camera, provenance, (poses.names["image"], wide), places, seen)
 
 
 def _numbers(table: Table, columns: Sequence[str]) -> Floats:
@@ -336,23 +346,6 @@ def load_hand_poses(
         pose = inverse(pose)
     rows = np.concatenate([pose.position, pose.quaternion], axis=1).tolist()
     return {name: tuple(row) for name, row in zip(given, rows, strict=True)}
-
-
-def _settings(folder: Path, problems: Problems) -> tuple[Setup | None, Camera | None, dict[str, str]]:
-    reader = TomlReader.opened(folder / HANDEYE_NAME, HANDEYE_FORMAT, ("study",), problems, _ABSENT)
-    if reader is None:
-        return None, None, {}
-    provenance = reader.provenance()
-    found = reader.section("study", {"setup": one_of(SETUPS), "camera": _camera_file})
-    if found is None:
-        return None, None, {}
-    setup, name = found["setup"], found["camera"]
-    try:
-        return setup, load_camera(folder / name).camera, provenance
-    except InputError as error:
-        for problem in error.problems:
-            problems.add(problem)
-        return setup, None, {}
 
 
 def _camera_file(reader: TomlReader, path: KeyPath, value: object) -> str:

@@ -468,27 +468,19 @@ def _step(model: PixelModel, at: ReadFrames, reach: Floats, worst: float) -> tup
     rhs = np.concatenate([width - residuals, width + residuals]) / scale
     size = np.abs(matrix).max(axis=1)
     low, high = (np.clip(end / reach, -1.0, 1.0) for end in model.room(at))
-    low, high = np.append(low, 0.0), np.append(high, 2.0)
-    point = (_of_many if model.size > _MANY else _of_few)(matrix / size[:, None], rhs / size, low, high)
-    if point is None:
-        return np.zeros(model.size), worst
-    return reach * point[: model.size], scale * float(point[-1])
+    low, high, cost = np.append(low, 0.0), np.append(high, 2.0), np.append(np.zeros(model.size), 1.0)
+    matrix, rhs = matrix / size[:, None], rhs / size
+    if model.size <= _MANY:
+        engine = Dense()
+        engine.load(matrix, rhs, low, high)
+        found: Any = engine.minimize(cost)
+        point, good = found.point, found.status is LinearStatus.OPTIMAL
+    else:  # by HiGHS, which passes over zeros; a little outside of the bounds or rows does no harm here
+        from scipy.optimize import linprog  # when it is needed
+        from scipy.sparse import csr_array
 
-
-def _of_few(matrix: Floats, rhs: Floats, low: Floats, high: Floats) -> Floats | None:
-    """The x of least last entry with `matrix @ x <= rhs` between bounds."""
-    engine = Dense()
-    engine.load(matrix, rhs, low, high)
-    solution = engine.minimize(np.append(np.zeros(len(low) - 1), 1.0))
-    return solution.point if solution.status is LinearStatus.OPTIMAL else None
-
-
-def _of_many(matrix: Floats, rhs: Floats, low: Floats, high: Floats) -> Floats | None:
-    """The same by HiGHS, which passes over zeros; a little outside of the bounds or rows does no harm here."""
-    from scipy.optimize import linprog  # when it is needed
-    from scipy.sparse import csr_array
-
-    rows: Any = csr_array(matrix)
-    cost, bounds = np.append(np.zeros(len(low) - 1), 1.0), list(zip(low.tolist(), high.tolist(), strict=True))
-    found = linprog(cost, rows, rhs, bounds=bounds, method="highs")
-    return np.asarray(found.x) if found.status == 0 else None
+        rows: Any = csr_array(matrix)
+        bounds = list(zip(low.tolist(), high.tolist(), strict=True))
+        found = linprog(cost, rows, rhs, bounds=bounds, method="highs")
+        point, good = found.x, found.status == 0
+    return (reach * point[: model.size], scale * float(point[-1])) if good else (np.zeros(model.size), worst)

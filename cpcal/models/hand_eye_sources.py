@@ -151,8 +151,7 @@ def study_of_robot(study: Study) -> HandEyeStudy:
     Raises KinematicsError, and InputError as `study_of_pairs` does.
     """
     table = study.calibration
-    _, first = np.unique(table.pose, return_index=True)
-    chosen = np.sort(first)
+    chosen = np.sort(np.unique(table.pose, return_index=True)[1])
     return study_of_pairs(
         _poses(study).rows(chosen),
         Pose(table.position[chosen], table.quaternion[chosen]),

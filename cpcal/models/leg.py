@@ -552,14 +552,12 @@ def fit_model(
     of = ModelResiduals(campaign, leg, model) if known is None else known
     reach, each = np.append(np.full(7, np.inf), model.half_widths), np.ones(len(campaign)) if weight is None else weight
 
-    def values(x: Floats) -> Floats:
-        return each * of.values(x)
-
     def slopes(columns: Floats, x: Floats) -> Floats:
         return columns * of.jacobian(x)
 
     while True:  # an extra parameter that leaves its half-width stays at its end
-        found = least_squares(values, partial(slopes, each[:, None] * free), start, tolerance=_TOLERANCE)
+        slope = partial(slopes, each[:, None] * free)
+        found = least_squares(lambda x: each * of.values(x), slope, start, tolerance=_TOLERANCE)
         beyond = np.abs(found.at) > reach
         if not beyond.any():
             return found.at

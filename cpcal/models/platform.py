@@ -70,13 +70,6 @@ def joined(parts: Sequence[IntervalArray], axis: int = -1) -> IntervalArray:
     return IntervalArray(np.concatenate([p.lo for p in parts], axis), np.concatenate([p.hi for p in parts], axis))
 
 
-def turned_pose(s: IntervalArray, center: Pose) -> IntervalArray:
-    """R(1, s) R(q) (K, 1, 3, 3) of s (K, 3)."""
-    one = joined([IntervalArray.of(np.ones((len(s.lo), 1))), s])
-    turn, before = (IntervalArray.of(rotations(q)) for q in (one, IntervalArray.of(center.quaternion)))
-    return (turn[..., :, :, None] * before[..., None, :, :]).sum(-2)[:, None]
-
-
 def crossing(v: IntervalArray) -> IntervalArray:
     """The matrices (..., 3, 3) of s -> s x v."""
     nothing = IntervalArray.of(np.zeros(v.shape[:-1]))
@@ -188,12 +181,15 @@ class Equations:
         with np.errstate(all="ignore"):
             self.regular = np.linalg.cond(np.delete(self.jacobian, held, axis=-1)) < 1e12
             self.inverse = pose_inverse(np.where(self.regular[:, None, None], self.jacobian, 1.0), held)
-        self.rotation = turned_pose(cells.reach[:, 3:], cells.center)
+        turn = joined([IntervalArray.of(np.ones((len(cells.reach.lo), 1))), cells.reach[:, 3:]])
+        turned, before = rotations(turn), rotations(IntervalArray.of(cells.center.quaternion))
+        self.rotation = (turned[..., :, :, None] * before[..., None, :, :]).sum(-2)[:, None]
         self.arm = applied(self.rotation, self.controller[None, :, 3:6])
         position = cells.center.position + cells.reach[:, :3]
         self.vector = position[:, None] + self.arm - self.controller[None, :, :3]
         self.length = norm(self.vector)
         self._directions = np.swapaxes(self.basis, 1, 2)[None]  # (1, n, 7 directions, 7 components)
+        self._turned = applied(self.rotation[:, :, None], self._directions[..., 3:6])  # (K, n, 7, 3)
 
     def deviations(self) -> IntervalArray:
         """(K, n) mm at centers: (||P + R b - a||^2 - (||v|| - l^ + l)^2) / (2 scale) over S."""
@@ -227,10 +223,9 @@ class Equations:
     def _slopes(self) -> IntervalArray:
         """(K, n, 7, 6): gradient in (p, s) of v.(R tau_b - tau_a) - ||v|| tau_l for each direction tau of the basis."""
         tau = self._directions
-        turned_b = applied(self.rotation[:, :, None], tau[..., 3:6])  # (K, n, 7, 3)
         unit = (self.vector / self.length[..., None])[:, :, None]
-        of_position = turned_b - tau[..., :3] - unit * tau[..., 6:]
-        of_turn = cross(turned_b, self.vector[:, :, None]) + cross(self.arm[:, :, None], of_position)
+        of_position = self._turned - tau[..., :3] - unit * tau[..., 6:]
+        of_turn = cross(self._turned, self.vector[:, :, None]) + cross(self.arm[:, :, None], of_position)
         # R(1, s + ds) turns R(1, s) by omega = 2 (ds + s x ds) / (1 + s.s), which changes it by of_turn.omega
         s = self.cells.reach[:, None, None, 3:]
         of_s = (2.0 / (1.0 + s.sqr().sum(-1)))[..., None] * (of_turn - cross(s, of_turn))
@@ -265,15 +260,14 @@ class Equations:
 
         y is J (C J)^-1 z. With E = I - C J and |E| r <= r / 2 for sizes r of z, it is J z but for at most 2 |J| |E| r.
         """
-        tau, scale = self._directions, 2.0 * self.scale
+        scale = 2.0 * self.scale
         ends = IntervalArray.of(self.middle)[None]
         arm = applied(self.rotation, ends[..., 3:6])
         place = self.cells.center.position + self.cells.reach[:, :3]
         place = IntervalArray.of(place[:, None] - ends[..., :3])
         leg = place + arm
-        turned = applied(self.rotation[:, :, None], tau[..., 3:6])  # (K, n, 7, 3)
-        delta = turned - tau[..., :3]
-        moment = cross(arm[:, :, None], delta) + cross(turned, leg[:, :, None])
+        delta = self._turned - self._directions[..., :3]
+        moment = cross(arm[:, :, None], delta) + cross(self._turned, leg[:, :, None])
         shares = self._sizes(joined([2.0 * delta, 4.0 * moment])) / scale[..., None, None]
         slopes = joined([2.0 * leg, 4.0 * cross(arm, leg)]) / scale[..., None]
         size_of, steep = np.abs(self.inverse), np.abs(self.jacobian)

@@ -36,7 +36,7 @@ from cpcal.checker import FORMAT, Refused
 from cpcal.checker.readers import up
 from cpcal.checker.rule import Box
 from cpcal.checker.sight import POSE_SET_FORMAT, Part, Rows, Sight, digest_of, joined, rows_of, sight_of
-from cpcal.common.errors import InputError, Problem, unusable
+from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import write_file
 from cpcal.common.values import Floats, Indices, Value, fill, frozen_array
 from cpcal.robot import Pose, normalised, quaternion_from_matrix, quaternion_product
@@ -83,14 +83,11 @@ class PixelBoxes:
             what = f"have shapes {numbers.shape}, {self.lo.shape} and {self.hi.shape}"
             raise unusable("pixel boxes", what, "give numbers (m,), lo (m, 2) and hi (m, 2)")
         good = ((self.lo <= self.hi) & np.isfinite(self.lo) & np.isfinite(self.hi)).all(axis=1)
-        problems = [
-            Problem(f"pixel box {k}", "has no points, or infinitely many", "give finite lo <= hi")
-            for k in np.flatnonzero(~good)
-        ]
-        if len(np.unique(numbers)) < len(numbers):
-            problems.append(Problem("pixel boxes", "name a dot twice", "give one box for each dot"))
-        if problems:
-            raise InputError(problems)
+        twice, none = len(np.unique(numbers)) < len(numbers), "has no points, or infinitely many"
+        refuse(
+            *((True, f"pixel box {k}", none, "give finite lo <= hi") for k in np.flatnonzero(~good)),
+            (twice, "pixel boxes", "name a dot twice", "give one box for each dot"),
+        )
 
     @classmethod
     def around(
@@ -108,9 +105,6 @@ class PixelBoxes:
         boxes = IntervalArray.around(middle, radius)
         return cls(np.asarray(numbers, dtype=np.intp), boxes.lo, boxes.hi, of_images)
 
-    def __len__(self) -> int:
-        return len(self.numbers)
-
 
 @dataclass(frozen=True, eq=False)
 class CameraSet(Value):
@@ -126,15 +120,14 @@ class CameraSet(Value):
 
     def __post_init__(self) -> None:
         fill(self, spread=frozen_array(self.spread))
-        problems = []
-        if self.camera.model != BROWN:
-            what = f"has a lens of the model {self.camera.model}"
-            problems.append(Problem("camera", what, f"pose sets are proved for the model {BROWN}: calibrate with it"))
-        if self.spread.ndim != 2 or len(self.spread) != _COUNT or not np.isfinite(self.spread).all():
-            what = f"has the shape {self.spread.shape}, or a number that is not finite"
-            problems.append(Problem("camera spread", what, f"give (9, k), of {', '.join(CAMERA_NUMBERS)}"))
-        if problems:
-            raise InputError(problems)
+        model, spread = self.camera.model, self.spread
+        other = f"pose sets are proved for the model {BROWN}: calibrate with it"
+        wrong = spread.ndim != 2 or len(spread) != _COUNT or not np.isfinite(spread).all()
+        what = f"has the shape {spread.shape}, or a number that is not finite"
+        refuse(
+            (model != BROWN, "camera", f"has a lens of the model {model}", other),
+            (wrong, "camera spread", what, f"give (9, k), of {', '.join(CAMERA_NUMBERS)}"),
+        )
         if not (self.camera.focal > np.linalg.norm(self.spread[:2], axis=1)).all():
             raise unusable("camera spread", "allows a focal length of zero", "give a narrower set")
 
@@ -219,7 +212,7 @@ def _sight(
         "target": {
             "radius": _hex(target.radius),
             "dots": _hex(target.dots[boxes.numbers]),
-            "half_widths": [_hex(targets.half_widths)] * len(boxes),
+            "half_widths": [_hex(targets.half_widths)] * len(boxes.numbers),
             "scale": _hex(targets.scale),
         },
     }
@@ -235,10 +228,9 @@ def _sight(
     else:
         what = "has a lens that bends too much within the image"
         raise unusable("camera", what, "pose sets need a lens whose image does not turn back")
+    what, remedy = "shows nothing of the camera's field of view", "give pixels inside the image of this camera"
     beside = np.flatnonzero(~(np.hypot(rays[:, 0], rays[:, 1]) < radius))
-    if len(beside):
-        what, remedy = "shows nothing of the camera's field of view", "give pixels inside the image of this camera"
-        raise InputError([Problem(f"pixel box {k}", what, remedy) for k in beside])
+    refuse(*((True, f"pixel box {k}", what, remedy) for k in beside))
     return inputs, sight
 
 
@@ -470,14 +462,13 @@ def enclose_pose(
     targets = target if isinstance(target, TargetSet) else TargetSet(target)
     cameras = camera if isinstance(camera, CameraSet) else CameraSet(camera)
     name, count = targets.target.name, len(targets.target.dots)
-    problems = [
-        Problem(f"pixel box of dot {k}", f"{name!r} has dots 0 to {count - 1}", "number dots from 0")
-        for k in boxes.numbers[(boxes.numbers < 0) | (boxes.numbers >= count)]
-    ]
-    if outliers < 0:
-        problems.append(Problem("outliers", f"is {outliers}", "give a number of dots >= 0"))
-    if problems:
-        raise InputError(problems)
+    refuse(
+        *(
+            (not 0 <= k < count, f"pixel box of dot {k}", f"{name!r} has dots 0 to {count - 1}", "number dots from 0")
+            for k in boxes.numbers
+        ),
+        (outliers < 0, "outliers", f"is {outliers}", "give a number of dots >= 0"),
+    )
     stem = None if certificate is None else Path(certificate)
     named = "" if stem is None else stem.name
     inputs, sight = _sight(boxes, targets, cameras, named, sources or {})

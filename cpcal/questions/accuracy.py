@@ -46,6 +46,10 @@ from cpcal.solver.certificate.exact_network import free
 # Lengths in mm, angles in rad.
 
 
+_ENCLOSED = checked("the enclosure of the certificate")
+_AGAIN = checked("computed again from the claims of the certificates", "proved")
+
+
 @dataclass(frozen=True)
 class AssumedLeg:
     """ASSUMED: some parameters of the leg satisfy its equation to within `eps` at the calibration poses but those
@@ -61,8 +65,8 @@ class AssumedLeg:
 
     leg: Annotated[int, checked("the certificate: each leg once")]
     eps: Annotated[float, checked("the cap of the certificate")]
-    lo: Annotated[tuple[float, ...], checked("the enclosure of the certificate")]
-    hi: Annotated[tuple[float, ...], checked("the enclosure of the certificate")]
+    lo: Annotated[tuple[float, ...], _ENCLOSED]
+    hi: Annotated[tuple[float, ...], _ENCLOSED]
     directions: Annotated[tuple[tuple[float, ...], ...], checked("forms of the certificate")]
     left_out: Annotated[tuple[str, ...], checked("the measurements of the certificate")]
     certificate: Annotated[str, checked("a file of the folder, which is accepted")]
@@ -70,9 +74,6 @@ class AssumedLeg:
     refuted_below: Informed[float]
     residual: Informed[float]
     far: Informed[float]
-
-
-_AGAIN = "computed again from the claims of the certificates"
 
 
 @dataclass(frozen=True)
@@ -94,10 +95,10 @@ class PoseAccuracy:
     position: Annotated[tuple[float, float, float], checked("the form of this pose in each certificate")]
     quaternion: Annotated[tuple[float, float, float, float], checked("the form in each certificate")]
     proved: Annotated[bool, checked("`lo` to `rotation_bound` are proved")]
-    lo: Annotated[tuple[float, ...], checked(_AGAIN, "proved")]
-    hi: Annotated[tuple[float, ...], checked(_AGAIN, "proved")]
-    position_bound: Annotated[float, checked(_AGAIN, "proved")]
-    rotation_bound: Annotated[float, checked(_AGAIN, "proved")]
+    lo: Annotated[tuple[float, ...], _AGAIN]
+    hi: Annotated[tuple[float, ...], _AGAIN]
+    position_bound: Annotated[float, _AGAIN]
+    rotation_bound: Annotated[float, _AGAIN]
     far: Informed[float]
     u_position: Informed[float]
     attained: Informed[float]
@@ -428,9 +429,8 @@ def _over(
 
 def measured_poses(campaign: Campaign) -> NamedPoses:
     """The measured poses, one of each name and 64 at most, evenly chosen."""
-    first = {name: k for k, name in reversed(list(enumerate(campaign.pose)))}
-    rows = sorted(first.values())
-    rows = [rows[k] for k in np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _MEASURED)).round()).astype(int)]
+    rows = np.sort(np.unique(campaign.pose, return_index=True)[1])
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _MEASURED)).round()).astype(int)]
     return NamedPoses(tuple(campaign.pose[k] for k in rows), Pose(campaign.position[rows], campaign.quaternion[rows]))
 
 

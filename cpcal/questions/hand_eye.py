@@ -28,7 +28,7 @@ from cpcal.checker.hand_eye import (
 from cpcal.checker.polynomial import applied, plus
 from cpcal.checker.readers import up
 from cpcal.common.codec import Document, Informed, checked
-from cpcal.common.errors import InputError, Problem, unusable
+from cpcal.common.errors import InputError, refuse, unusable
 from cpcal.common.numbers import at_least, at_most
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
@@ -105,7 +105,9 @@ class AskedBox(Within):
     center: Annotated[PlacedFrames, _CENTER]
 
 
-_POINT = "computed again from `lo`, `hi`, `point` and the certificate's `hand`, exactly"
+_POINT = checked("computed again from `lo`, `hi`, `point` and the certificate's `hand`, exactly")
+_ENDS = checked("computed again from `lo`, `hi` and `point`, exactly")
+_CLAIM = checked("the claim of `ranges.certificate`")
 
 
 @dataclass(frozen=True)
@@ -115,8 +117,8 @@ class KnownPoint:
     `turn` degrees, 180 where nothing is known."""
 
     at: Annotated[tuple[float, float, float], checked("what was asked")]
-    place: Annotated[float, checked(_POINT)]
-    turn: Annotated[float, checked(_POINT)]
+    place: Annotated[float, _POINT]
+    turn: Annotated[float, _POINT]
 
 
 @dataclass(frozen=True)
@@ -129,10 +131,10 @@ class FrameRanges:
     file that claims it.
     """
 
-    low: Annotated[tuple[float, ...], checked("computed again from `lo`, `hi` and `point`, exactly")]
-    high: Annotated[tuple[float, ...], checked("computed again from `lo`, `hi` and `point`, exactly")]
-    lo: Annotated[tuple[float, ...], checked("the claim of `ranges.certificate`")]
-    hi: Annotated[tuple[float, ...], checked("the claim of `ranges.certificate`")]
+    low: Annotated[tuple[float, ...], _ENDS]
+    high: Annotated[tuple[float, ...], _ENDS]
+    lo: Annotated[tuple[float, ...], _CLAIM]
+    hi: Annotated[tuple[float, ...], _CLAIM]
     known: KnownPoint | None
     certificate: Annotated[str, _FILE]
 
@@ -599,20 +601,16 @@ def legs_in_frames(run: Result, frames: HandEyeResult) -> dict[int, tuple[Floats
 
     Raises InputError where the camera is not beside the robot, or frames or a leg have no ranges.
     """
-    problems = []
-    if frames.setup != "eye-to-hand":
-        what = f"are of a study {frames.setup}"
-        problems.append(Problem("frames", what, "give one with the camera beside the robot"))
-    if frames.ranges is None or frames.ranges.empty:
-        why = "some images may be wrong" if frames.ranges is None else "nothing explains their pixels"
-        problems.append(Problem("frames", f"have no ranges: {why}", "give a larger tolerance, and leave out --wrong"))
-    without = [leg.leg for leg in run.legs if leg.ranges is None]
-    if without:
-        problems.append(Problem("legs", f"{without} have no ranges", "certify again, with --tolerance"))
-    if problems:
-        raise InputError(problems)
-    assert frames.ranges is not None
-    unknowns, found = _intervals(frames.ranges.lo, frames.ranges.hi), {}
+    ranges, without = frames.ranges, [leg.leg for leg in run.legs if leg.ranges is None]
+    beside, none = frames.setup == "eye-to-hand", ranges is None or ranges.empty
+    why = "some images may be wrong" if ranges is None else "nothing explains their pixels"
+    refuse(
+        (not beside, "frames", f"are of a study {frames.setup}", "give one with the camera beside the robot"),
+        (none, "frames", f"have no ranges: {why}", "give a larger tolerance, and leave out --wrong"),
+        (without, "legs", f"{without} have no ranges", "certify again, with --tolerance"),
+    )
+    assert ranges is not None
+    unknowns, found = _intervals(ranges.lo, ranges.hi), {}
     for leg in run.legs:
         assert leg.ranges is not None
         box = _intervals(leg.ranges.box.lo.tolist(), leg.ranges.box.hi.tolist())

@@ -87,11 +87,6 @@ def _bracket(center: Floats, found: Minimum, **proved: Any) -> LegBracket:
     )
 
 
-def _of_parameters(question: Question, box: Box) -> Box:
-    """Without eps."""
-    return Box(question.model.parameters, box.lo[:-1], box.hi[:-1])
-
-
 def _leg_result(leg: PreparedLeg, answer: Answered, support: tuple[str, ...]) -> LegResult:
     question, options, found, center = leg.question, leg.question.options, answer.minimum, leg.center
     eps, lo = options.eps or 0.0, float(found.lo)
@@ -106,7 +101,7 @@ def _leg_result(leg: PreparedLeg, answer: Answered, support: tuple[str, ...]) ->
             found,
             verdict=found.verdict,
             lo=lo,
-            enclosure=_of_parameters(question, found.enclosure),
+            enclosure=Box(question.model.parameters, found.enclosure.lo[:-1], found.enclosure.hi[:-1]),
             certificate=answer.certificate,
         ),
         **conformity(question, leg.leg, leg.problem.network, lo),
@@ -203,7 +198,7 @@ def ranges_of(prepared: PreparedLeg, leg: LegResult) -> tuple[Ranges | None, boo
     box = found.minimum.enclosure
     if box.is_empty or found.minimum.interrupted:
         return None, found.minimum.interrupted
-    return Ranges(eps, _of_parameters(question, box), found.certificate), False
+    return Ranges(eps, Box(question.model.parameters, box.lo[:-1], box.hi[:-1]), found.certificate), False
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -261,19 +256,20 @@ def robust_leg(question: Question, leg: int) -> LegResult:
             best, without = found.minimum, left_out
         else:
             target = min(target, found.minimum.lo)
-            supports.append(_Refutation(_members(found.minimum, part), target, found.certificate))
+            kept = part.only or range(len(ids))  # those with a weight in some step
+            members = frozenset(kept[k] for _, k in found.minimum.rows)
+            supports.append(_Refutation(members, target, found.certificate))
     settled = hitting_set([one.members for one in supports], options.outliers) is None
     lo = min((one.lo for one in supports), default=0.0) if settled else 0.0
     whole, at_point = network_of(question, leg, center), None
     without = frozenset() if best.witness is None else without  # without a point nothing is known to be wrong
     only = _others(question, without)
-    statement = None
     if best.witness is not None and question.certificates is not None:
         statement = model_statement(question.campaign, leg, question.model, whole.domain, only)
-    if statement is not None:  # of all measurements but those left out
-        with Recording(statement, whole.domain) as recording:
-            said = claims_of(replace(best, lo=0.0), whole.domain, "eps") | {"enclosure": None}
-            at_point = written(question, f"leg{leg}.point", partial(recording.write, claims=said))[0]
+        if statement is not None:  # of all measurements but those left out
+            with Recording(statement, whole.domain) as recording:
+                said = claims_of(replace(best, lo=0.0), whole.domain, "eps") | {"enclosure": None}
+                at_point = written(question, f"leg{leg}.point", partial(recording.write, claims=said))[0]
     # a family that some choice meets proves nothing, and leaves no files
     proofs = all_or_none(question, [*(one.certificate for one in supports), *(() if settled else (None,))])
     closed = best.witness is not None and best.hi - lo <= 2.0 * max(_BELOW * best.hi, _SMALLEST)
@@ -339,12 +335,6 @@ def all_or_none(question: Question, names: Collection[str | None]) -> tuple[str,
 def _others(question: Question, without: frozenset[int]) -> tuple[int, ...] | None:
     """All measurements but these; None for all."""
     return tuple(k for k in range(len(question.campaign)) if k not in without) if without else None
-
-
-def _members(found: Minimum, part: PreparedLeg) -> frozenset[int]:
-    """The measurements with a weight in some step."""
-    kept = part.only or range(len(part.question.campaign))
-    return frozenset(kept[k] for _, k in found.rows)
 
 
 def _searched(part: PreparedLeg, file: str | None = None) -> Answered:

@@ -103,7 +103,7 @@ def certify_point(
 # A folder of fits holds campaign.json and a certificate for each leg of each fit. It states nothing else: what is known
 # of the fits is what the checker accepts.
 
-Fits = Mapping[str, Sequence[VerifiedFit]]  # legs in ascending order, of "x_c" and of "x_c_sigma"
+Fits = Mapping[str, list[VerifiedFit]]  # legs in ascending order, of "x_c" and of "x_c_sigma"
 _FITS = ("x_c", "x_c_sigma")
 
 
@@ -120,7 +120,7 @@ def certify_fits(
     written.
     """
     check_campaign(campaign, {"calibration record": record.campaign_sha256}, "calibrate again")
-    found: dict[str, list[VerifiedFit]] = {name: [] for name in _FITS}
+    found: Fits = {name: [] for name in _FITS}
     with answers_into(folder, FITTED, campaign) as draft:
         for name, fits in found.items():
             for leg in sorted(legs or range(1, campaign.legs + 1)):
@@ -132,7 +132,7 @@ def certify_fits(
 
 def fits_of(folder: Path, campaign: Campaign, legs: Sequence[int], accepted: Mapping[str, Accepted | str]) -> Fits:
     """What the certificates of a folder prove of these legs; a text says why one is refused. Raises InputError."""
-    found: dict[str, list[VerifiedFit]] = {name: [] for name in _FITS}
+    found: Fits = {name: [] for name in _FITS}
     sha256, expected = campaign_sha256(campaign), [(name, leg) for name in _FITS for leg in sorted(legs)]
     files = {f"{name}.leg{leg}.cert.jsonl": (name, leg) for name, leg in expected}
     for file in [*files, *(accepted.keys() - files.keys())]:

@@ -230,10 +230,6 @@ class Recommended:
     largest: Annotated[float, _ALL]
     certificate: Annotated[str | None, _FILE] = None
 
-    def __post_init__(self) -> None:
-        if self.why not in (LEAST_SQUARES, CONSTRAINED) or not self.largest >= 0.0:
-            raise ValueError("why or largest is nothing that it can be")
-
 
 @dataclass(frozen=True)
 class PassesFrom:
@@ -450,7 +446,9 @@ class LegResult:
             raise ValueError("a leg with a certificate is certified")
         if self.leg < 1:
             raise ValueError("the leg's number is no number of a leg")
-        points = [one.point for one in (self.recommended, self.passes_from) if one is not None]
+        best, points = self.recommended, [one.point for one in (self.recommended, self.passes_from) if one is not None]
+        if best is not None and (best.why not in (LEAST_SQUARES, CONSTRAINED) or not best.largest >= 0.0):
+            raise ValueError("why or largest is nothing that it can be")
         if any(len(point) != len(self.bracket.enclosure.names) for point in points):
             raise ValueError("the recommended parameters are not those of the model")
         least = (self.passes_from and self.passes_from.eps, self.reduced and self.reduced.factor)

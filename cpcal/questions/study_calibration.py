@@ -156,13 +156,12 @@ def budget(best: Fit, campaign: Campaign, drawing: Robot, inputs: Inputs) -> Bud
     total = np.sqrt(statistical**2 + shared)
     columns = {"repeats and residuals": (math.nan, statistical)}
     columns |= {source: (getattr(inputs, source), values) for source, values in stated.items()}
-    rows = tuple(Contribution(name, u, _rms(values), float(values.max())) for name, (u, values) in columns.items())
-    expanded = tuple(tuple(row) for row in (2.0 * total).tolist())
-    return Budget(inputs, rows, expanded, _rms(total), float(total.max()))
-
-
-def _rms(values: Floats) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+    columns |= {"combined": (math.nan, total)}
+    rows = []
+    for name, (u, values) in columns.items():
+        rows.append(Contribution(name, u, float(np.sqrt(np.mean(values**2))), float(values.max())))
+    *each, combined = rows
+    return Budget(inputs, tuple(each), _rows(2.0 * total), combined.rms, combined.largest)
 
 
 # ------------------------------------------------------------------------------------------------------------------

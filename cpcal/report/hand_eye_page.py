@@ -74,20 +74,16 @@ def answered(found: HandEyeResult) -> Section:
 
 
 def _blamed(found: HandEyeResult) -> Iterator[Section]:
-    if found.blamed:
-        said = (
-            "Each group below has no image in common with another, and no frames explain it together with the image "
-            f"to {at_most(found.eps, 5)} px. Were the image right, each group would hold a wrong one: one more than "
-            "there may be."
-        )
-        parts = [
-            Section(
-                f"{image}: {len(why)} groups",
-                items=[", ".join(name for name in reason.images if name != image) for reason in why],
-                folded=True,
-            )
-            for image, why in found.blamed
-        ]
+    said = (
+        "Each group below has no image in common with another, and no frames explain it together with the image to "
+        f"{at_most(found.eps, 5)} px. Were the image right, each group would hold a wrong one: one more than there may "
+        "be."
+    )
+    parts = []
+    for image, why in found.blamed:
+        others = [", ".join(name for name in reason.images if name != image) for reason in why]
+        parts.append(Section(f"{image}: {len(why)} groups", items=others, folded=True))
+    if parts:
         yield Section("Why they are wrong", [said], parts=parts, style="names")
 
 

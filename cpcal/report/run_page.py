@@ -351,8 +351,8 @@ def _range(result: Result, leg: LegResult) -> tuple[str, tuple[Floats, Floats] |
 
 def _behind(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted) -> Section:
     """The witness of eps_hi, other parameters, and what the search did: for experts."""
-    work, support = leg.work, np.isin(campaign.measurement_ids, leg.support)
-    names = [name for name, supports in zip(measurement_names(campaign), support, strict=True) if supports]
+    work, support = leg.work, set(leg.support)
+    names = [f"{k} ({name})" for k, name in enumerate(campaign.measurement_ids, 1) if name in support]
     said: list[Words] = [
         f"{leg_sentence(result, leg)} The witness reaches eps_hi; it is no recommendation. Width: of the range.",
         f"Searched: {work.nodes:,} boxes, {work.programs:,} linear programs, {about(work.seconds)} s.",
@@ -370,11 +370,6 @@ def _behind(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted) -> 
         tables=[_table(campaign, result, leg, ("parameter", "witness", "fit", "nominal", "width"), fit=fit)],
         folded=True,
     )
-
-
-def measurement_names(campaign: Campaign) -> list[str]:
-    """Measurements counted from 1, each with its id."""
-    return [f"{k} ({name})" for k, name in enumerate(campaign.measurement_ids, 1)]
 
 
 def residuals_drawing(
@@ -403,7 +398,8 @@ def residuals_drawing(
     fits = fit.residuals if other and fit is not None else np.full(count, np.nan)
     said = "Of each run of neighbours the worst measurement is drawn." if count > MOST_POINTS else ""
     label = f"Leg {leg.leg}: residuals over the measurements, and the band that they must be within"
-    figure = residuals_svg(residual, room, fits, (-band, band), chosen, measurement_names(campaign), label)
+    names = [f"{k} ({name})" for k, name in enumerate(campaign.measurement_ids, 1)]
+    figure = residuals_svg(residual, room, fits, (-band, band), chosen, names, label)
     return Drawing([figure], caption=said)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from cpcal.common.errors import unusable
 from cpcal.common.numbers import about, bracket_text, nearest, stated
 from cpcal.common.values import Floats
+from cpcal.models import PARAMETERS
 from cpcal.questions import Budget, CalibrationRecord, Result
 from cpcal.questions.points import Fits
 from cpcal.questions.result import check_campaign
@@ -53,7 +54,6 @@ COMPARED = (
     "and its robot is another one. What is proved here is proved of the readings of this study. Statistics, fits and "
     "validation are floating-point estimates, not proofs."
 )
-SYMBOLS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 PAPER = "the paper"
 EXPANDED = "U (k = 2)"
 
@@ -72,10 +72,6 @@ def scatter(
     return [(name, *(about(u * v) for u, v in zip(units, values, strict=True))) for name, values in found]
 
 
-def _legs(numbers: Iterable[int]) -> tuple[str, ...]:
-    return ("leg", *map(str, numbers))
-
-
 def _row(name: str, values: Iterable[float], decimals: int = 4) -> tuple[str, ...]:
     return (name, *(nearest(value, decimals) for value in values))
 
@@ -87,7 +83,7 @@ def of_legs(rows: Rows, errors: Rows | None = None) -> Table:
         out.append(_row(str(k + 1), row))
         if errors is not None:
             out.append(_row(EXPANDED, (2.0 * error for error in errors[k])))
-    return Table(("leg", *SYMBOLS), out)
+    return Table(("leg", *PARAMETERS), out)
 
 
 def validation(record: CalibrationRecord) -> Table:
@@ -207,7 +203,7 @@ def calibration(record: CalibrationRecord) -> Iterator[Section]:
     rows = scatter(repeats, sensors)
     if len(sensors) == len(TABLE_2):
         rows.append(_row(PAPER, TABLE_2))
-    legs = _legs(range(1, len(sensors) + 1))
+    legs = ("leg", *(str(k) for k in range(1, len(sensors) + 1)))
     yield Section("Table 2: standard deviation of the leg readings [mm]", tables=[Table(legs, rows)])
     rows = scatter(repeats, camera, repeats.shared)
     rows.append((PAPER, *(about(TABLE_3[c.name]) for c in camera)))
@@ -241,7 +237,7 @@ def calibration(record: CalibrationRecord) -> Iterator[Section]:
             "Laid on the drawing: base and mobile centres each moved rigidly so that they are nearest to the "
             "drawing’s. U (k = 2) is the expanded uncertainty: about 95 %, from the "
             f"{weighted.source}{'' if weighted.explained else doubt}. The two fits differ by up to "
-            f"{about(float(apart.max()), 2)} mm ({SYMBOLS[int(k)]} of leg {int(leg) + 1})."
+            f"{about(float(apart.max()), 2)} mm ({PARAMETERS[int(k)]} of leg {int(leg) + 1})."
         ],
         parts=[Section("The fits in words", fits, folded=True)],
     )
@@ -287,7 +283,7 @@ def _certified(found: StudyFound) -> Iterator[Section]:
     yield Section(
         "Section 5.1.2: are x_c and x_c_sigma solutions?",
         solutions(fits),
-        tables=[Table(_legs(fit.leg for fit in fits["x_c"]), rows)],
+        tables=[Table(("leg", *(str(fit.leg) for fit in fits["x_c"])), rows)],
         notes=[
             f"Of {len(found.campaign):,} measurements at eps = 0: “satisfied” counts those with some reading in their "
             "set at which the leg equation holds exactly, “refuting” those with none. Both are proved, with "
@@ -329,7 +325,7 @@ def _table7(found: StudyFound) -> Table:
     if max(legs, default=0) <= len(TABLE_7_CERTIFIED):
         for name, theirs in (("none below", TABLE_7_CERTIFIED), ("attained", TABLE_7_ATTAINED)):
             rows.append(_row(f"{PAPER}: {name}", (theirs[leg - 1] for leg in legs), 2))
-    return Table(_legs(legs), rows)
+    return Table(("leg", *map(str, legs)), rows)
 
 
 def _true(found: StudyFound) -> Iterator[Section]:

@@ -272,18 +272,19 @@ class Advice(NamedTuple):
 def advise(campaign: Campaign, result: Result, leg: LegResult, model: LegModel) -> Advice:
     """`model`: the result's."""
     verdict, found = verdict_of(result, leg), fitted(campaign, result, leg, model)
+    kind, reduced = verdict.kind, leg.reduced
     short, more, wrong = "", "", tuple[int, ...]()
     uncertain = "because the readings are too uncertain: measure them more precisely"
-    if verdict.kind == "uncompared":
+    if kind == "uncompared":
         short, more = "compare the constraints", "No program has compared those of the certificates with the model."
-    elif verdict.kind == "undetermined":
+    elif kind == "undetermined":
         short = "because poses are too few or too similar: add poses"
         more = verdict.reason + f" Add poses that show {', '.join(verdict.names)}." * bool(verdict.names)
-    elif verdict.kind == "undecided" and leg.reduced is None:
+    elif kind == "undecided" and reduced is None:
         short = "because a limit came first: give it a longer --time-limit"
-    elif verdict.kind == "undecided" and leg.reduced is not None and leg.reduced.factor > 0.0:
+    elif kind == "undecided" and reduced is not None and reduced.factor > 0.0:
         short = uncertain
-    elif verdict.kind != "explained":
+    elif kind != "explained":
         largest = float(np.max(np.abs(found.residuals)))
         wrong = misread(found, np.isin(campaign.measurement_ids, leg.bracket.left_out, invert=True))
         if wrong:
@@ -293,7 +294,7 @@ def advise(campaign: Campaign, result: Result, leg: LegResult, model: LegModel) 
             ids = ", ".join(campaign.measurement_ids[k] for k in wrong)
             short = f"because of measurement{plural} {again}: measure {it} again"
             more = f"Without {ids} least squares leaves {about(left)} mm at most, not {about(largest)} mm."
-        elif verdict.kind != "bounded":
+        elif kind != "bounded":
             if (other := _another_model(campaign, leg, model, found.x, largest)) is not None:
                 short = f"because of the leg model: use --model {other[0]}"
                 more = f"Its least squares leaves {about(other[1])} mm at most, this one's {about(largest)} mm."
@@ -335,8 +336,6 @@ def misread(found: Fitted, used: npt.NDArray[np.bool_]) -> tuple[int, ...]:
 
 def _linear_fit(rows: Floats, values: Floats) -> tuple[Floats, float]:
     """The step of least squares from linearised equations, and the largest residual that it leaves."""
-    if len(rows) <= rows.shape[1]:
-        return np.zeros(rows.shape[1]), math.inf
     step = np.asarray(np.linalg.lstsq(rows, -values, rcond=1e-12)[0], np.float64)
     return step, float(np.max(np.abs(values + rows @ step)))
 
