@@ -1,6 +1,6 @@
 """The compiled kernels, made once before many workers want them: a cold start takes two minutes of processor time.
 
-python -m tests.warm_up [programs] [networks] [images] [legs]
+python -m tests.warm_up [programs] [networks] [legs] [images] [solutions]
 """
 
 import subprocess
@@ -13,13 +13,13 @@ from tempfile import TemporaryDirectory
 def compile_kernels() -> None:
     """In two processes, which never make the same kernel; those that are in the cache cost next to nothing.
 
-    Legs call the kernels of programs and of networks.
+    Legs and solutions call the kernels of programs and of networks: images take as long as those.
     """
     here = Path(__file__).parents[1]
     begun = [
         # what fails there fails again, and is told, where it is used
         subprocess.Popen([sys.executable, "-m", "tests.warm_up", *parts], cwd=here, stderr=subprocess.DEVNULL)
-        for parts in (("programs", "networks", "legs"), ("images",))
+        for parts in (("programs", "networks", "legs"), ("images", "solutions"))
     ]
     for process in begun:
         process.wait()
@@ -62,7 +62,18 @@ def _images() -> None:
 
     turn = quaternion_product(quaternion_from_rotation_vector([0.1, 0.1, 0.2]), FACING)
     pose = Pose(np.array([0.0, 0.0, 600.0]), turn)
-    measure_pose(render(DELTALAB_TARGET, DELTALAB_CAMERA, pose), DELTALAB_TARGET, DELTALAB_CAMERA)
+    image = render(DELTALAB_TARGET, DELTALAB_CAMERA, pose)
+    for kind in (image, image.astype(np.uint16) * 257):
+        measure_pose(kind, DELTALAB_TARGET, DELTALAB_CAMERA)
+
+
+def _solutions() -> None:
+    import cpcal
+
+    net = cpcal.Network()
+    x = net.variable("x", 2, (0.0, 4.0))
+    net.add([x[0] * x[1] == 2.0, x[0] == x[1]])
+    net.solve()
 
 
 def _legs() -> None:
@@ -73,7 +84,9 @@ def _legs() -> None:
         cpcal.certify(campaign, legs=[1], delta=1.0, certificates=folder)
 
 
-PARTS: dict[str, Callable[[], None]] = {"programs": _programs, "networks": _networks, "images": _images, "legs": _legs}
+PARTS: dict[str, Callable[[], None]] = {
+    "programs": _programs, "networks": _networks, "images": _images, "legs": _legs, "solutions": _solutions
+}  # fmt: skip
 
 if __name__ == "__main__":
     for name in sys.argv[1:]:
