@@ -18,11 +18,12 @@ class Good:
         return None
 
     def prepare(self, question: TaskQuestion) -> Work:
-        def work() -> MethodAnswer:
-            os.write(1, b"licence, banner, ...\n")
-            return MethodAnswer(True, {"nodes": 3, "lo": 1.0, "hi": float("inf")}, question.task.kind)
+        self.kind = question.task.kind
+        return self.work
 
-        return work
+    def work(self) -> MethodAnswer:
+        os.write(1, b"licence, banner, ...\n")
+        return MethodAnswer(True, {"nodes": 3, "lo": 1.0, "hi": float("inf")}, self.kind)
 
 
 class Absent(Good):
@@ -36,37 +37,28 @@ class Refusing(Good):
 
 
 class Raising(Good):
-    def prepare(self, question: TaskQuestion) -> Work:
-        def work() -> MethodAnswer:
-            raise ArithmeticError("a pivot is zero")
-
-        return work
+    def work(self) -> MethodAnswer:
+        raise ArithmeticError("a pivot is zero")
 
 
 class Crashing(Good):
-    def prepare(self, question: TaskQuestion) -> Work:
-        def work() -> MethodAnswer:
-            print("segmentation fault", file=sys.stderr, flush=True)
-            os.kill(os.getpid(), signal.SIGABRT)
-            return MethodAnswer(True)
-
-        return work
+    def work(self) -> MethodAnswer:
+        print("segmentation fault", file=sys.stderr, flush=True)
+        os.kill(os.getpid(), signal.SIGABRT)
+        return MethodAnswer(True)
 
 
 class Overrunning(Good):
     """Holds on for ever, its signals ignored and with a child of its own."""
 
-    def prepare(self, question: TaskQuestion) -> Work:
-        def work() -> MethodAnswer:
-            signal.signal(signal.SIGTERM, signal.SIG_IGN)
-            time.sleep(600.0)
-            return MethodAnswer(True)
-
-        return work
+    def work(self) -> MethodAnswer:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        time.sleep(600.0)
+        return MethodAnswer(True)
 
 
 class GivingUp(Good):
     """Says itself that it could not."""
 
-    def prepare(self, question: TaskQuestion) -> Work:
-        return lambda: MethodAnswer(False, {}, "no idea")
+    def work(self) -> MethodAnswer:
+        return MethodAnswer(False, {}, "no idea")

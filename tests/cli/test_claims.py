@@ -18,21 +18,9 @@ exact = st.fractions(-4000, 4000)
 def accepted(claims, lo, hi, *, leg=1, unknowns=(*PARAMETERS, "eps")):
     model, chosen = "plain" if leg else None, tuple(range(64))
     return Accepted(
-        header={},
-        leg=leg,
-        model=model,
-        about="",
-        campaign=None,
-        unknowns=unknowns,
-        objective=len(unknowns) - 1,
-        count=len(chosen),
-        chosen=chosen,
-        lo=lo,
-        hi=hi,
-        claims=claims,
-        used=frozenset(),
-        steps=3,
-    )
+        header={}, leg=leg, model=model, about="", campaign=None, unknowns=unknowns, objective=len(unknowns) - 1,
+        count=len(chosen), chosen=chosen, lo=lo, hi=hi, claims=claims, used=frozenset(), steps=3,
+    )  # fmt: skip
 
 
 def box(size):

@@ -3,7 +3,6 @@
 from tinyhtml5.parser import HTMLParser
 
 from cpcal.cli.image import MOST_ROWS, write_detections_page
-from cpcal.robot.campaign import SIMULATION
 from cpcal.vision.batch.detect import NUMBERS, Detection, Detections
 from cpcal.vision.batch.study_images import SeenImage
 from cpcal.vision.camera import DELTALAB_CAMERA
@@ -48,13 +47,6 @@ def test_counts_reasons_and_time_are_told_and_names_are_no_markup(tmp_path):
     assert "default-src 'none'; style-src 'unsafe-inline'; img-src data:" in text
     assert "http://" not in text
     assert "https://" not in text
-
-
-def test_simulated_images_are_called_so(tmp_path):
-    assert "Simulated" not in page_of(tmp_path, [row("a.png")])
-    text = page_of(tmp_path, [row("a.png")], generator=f"{SIMULATION} --study --render")
-    assert "<title>Simulated: Images to poses" in text
-    assert "<h1>Simulated: " in text
 
 
 def test_it_stays_short_and_says_what_it_leaves_out(tmp_path):

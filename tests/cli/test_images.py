@@ -51,18 +51,8 @@ def test_images_are_those_of_a_study(tmp_path):
 
 
 def detect(shots, table, *options):
-    return run(
-        "image",
-        "detect",
-        shots / "images" / table,
-        "-o",
-        shots / f"poses-{table}.csv",
-        "--target",
-        shots / "target.toml",
-        "--camera",
-        shots / "camera.toml",
-        *options,
-    )
+    files = ("--target", shots / "target.toml", "--camera", shots / "camera.toml")
+    return run("image", "detect", shots / "images" / table, "-o", shots / f"poses-{table}.csv", *files, *options)
 
 
 def test_from_images_to_a_study_that_can_be_calibrated(shots):

@@ -55,17 +55,8 @@ def test_metres_become_the_nearest_float_in_mm(tmp_path):
         'format = "cpcal-campaign/1"\n[robot]\nname="one"\nbase=[[0,0,0]]\nmobile=[[0,0,0]]\noffset=[0]\n'
         "[uncertainty]\nexact = true\n[provenance]\noperator = 'me'\n"
     )
-    done(
-        "import",
-        path,
-        "--robot",
-        tmp_path / "own.toml",
-        "--map",
-        "x=x[m],y=y[m],z=z[m],L1=L1[m]",
-        "--anyway",
-        "-o",
-        tmp_path / "c",
-    )
+    like = ("--robot", tmp_path / "own.toml", "--map", "x=x[m],y=y[m],z=z[m],L1=L1[m]", "--anyway")
+    done("import", path, *like, "-o", tmp_path / "c")
     campaign = cpcal.load_campaign(tmp_path / "c")
     assert campaign.position.tolist() == [[123.4567, 300.0, 1100.0]]
     assert campaign.length.tolist() == [[700.0]]

@@ -60,11 +60,3 @@ def test_a_search_tells_its_rate_and_the_boxes_that_wait() -> None:
     assert all("boxes, " in text and "a second" in text and "pending" in text for text in told)
     assert events[-1].pending == 0
     assert events[0].pending == len(events[0].children)
-
-
-def test_a_minimum_tells_its_bracket() -> None:
-    shown, told = told_at([0.0, 1.0, 11.0])
-    shown.bracketed(Bracket(-2.0, -1.0, nodes=100, programs=0, seconds=1.0, pending=7), largest=True)
-    shown.bracketed(Bracket(-2.0, -1.0, nodes=150, programs=0, seconds=2.0, pending=7), largest=True)
-    (text,) = told
-    assert text.startswith("in [1.000000, 2.000000], 2 s, 150 boxes")

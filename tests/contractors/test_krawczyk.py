@@ -9,11 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contractors import HC4, Beaumont, Krawczyk, Lifted
+from contractors import Beaumont, Krawczyk, Lifted
 from contractors.krawczyk import IntervalRows, beaumont, inequalities, krawczyk
-from cpcal.models import leg_box, leg_network
-from cpcal.robot import Campaign
-from cpcal.simulate import simulate, true_robot
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, evaluate, maximum, minimum, sqr, sqrt
 
@@ -87,24 +84,6 @@ def test_inequalities_hold_for_all_solutions_of_the_interval_rows(decomposition:
 # nonlinear networks -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", LINEAR)
-@settings(max_examples=5, deadline=None)
-@given(seed=st.integers(0, 10**6))
-def test_never_loses_the_true_leg_within_its_reading_sets(kind: str, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    campaign = simulate(seed=seed, truncate=3.0, noise=float(10 ** rng.uniform(-2, 1)), random_poses=12, extremal=False)
-    truth = true_robot(campaign)
-    assert truth is not None
-    leg = int(rng.integers(1, 7))
-    x = truth.parameters[leg - 1]
-    center = x + rng.uniform(-1, 1, 7) * (delta := 10.0 ** rng.uniform(-3, 2))
-    net = leg_network(campaign, leg, leg_box(center, delta), eps=(0.0, 10.0))
-    box = net.domain
-    for _ in range(2):
-        box = LINEAR[kind](net, objective="eps").contract(box).box
-        assert all(np.append(x, eps) in box for eps in (0.0, 10.0))
-
-
 @pytest.mark.parametrize("kind", KINDS)
 @settings(max_examples=15, deadline=None)
 @given(seed=SEEDS)
@@ -127,27 +106,6 @@ def test_never_loses_a_point_that_touches_its_constraints(kind: str, seed: int) 
     net.add(expr.within((-np.inf, here.hi) if rng.random() < 0.5 else (here.lo, here.hi)))
     found = KINDS[kind](net).contract(net.domain)
     assert point in found.box
-
-
-@pytest.fixture(scope="module")
-def exact_leg() -> ConstraintNetwork:
-    """Leg 1 of a noiseless DeltaLab platform, within 1 mm of a point 0.5 mm off."""
-    campaign = simulate(seed=1, noise=0.0)
-    truth = true_robot(campaign)
-    assert truth is not None
-    exact = Campaign.of(campaign.robot, campaign.position, campaign.quaternion, campaign.length, exact=True)
-    center = truth.parameters[0] + 0.5 * np.array([1, -1, 1, 1, -1, 1, -1])
-    return leg_network(exact, 1, leg_box(center, 1.0), eps=(0.0, 1e-3))
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_contracts_a_leg_at_1_mm_where_hc4_contracts_nothing(kind: str, exact_leg: ConstraintNetwork) -> None:
-    net = exact_leg
-    by_hc4 = HC4(net).contract(net.domain).box
-    assert (by_hc4.width[:7] > 1.99).all()
-    found = KINDS[kind](net).contract(net.domain)
-    assert (found.box.width[:7] < 0.2).all()
-    assert all(step.rows for step in found.steps)
 
 
 @pytest.mark.parametrize("kind", LINEAR)

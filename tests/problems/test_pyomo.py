@@ -77,26 +77,6 @@ def test_limits_and_the_certificate_reach_the_solver(tmp_path: Path) -> None:
     assert Verdict.UNKNOWN.value not in stopped.extra_info.sentence
 
 
-def test_an_optimum_of_equations_with_a_certificate_is_not_certified(tmp_path: Path) -> None:
-    m = pyo.ConcreteModel()
-    m.x, m.y = pyo.Var(bounds=(-3, 3)), pyo.Var(bounds=(-3, 3))
-    m.circle = pyo.Constraint(expr=m.x**2 + m.y**2 == 4)
-    m.goal = pyo.Objective(expr=m.x + 2 * m.y)
-    results = solver(certificate=str(tmp_path / "m")).solve(m)
-    assert results.extra_info.verdict == "not certified"
-    assert "not certified" in results.extra_info.sentence
-    assert results.incumbent_objective == pytest.approx(-(20**0.5), abs=1e-4)
-    text = "Variables\nx in [-3, 3];\ny in [-3, 3];\nMinimize\nx + 2*y;\nConstraints\nx^2 + y^2 = 4;\nend\n"
-    (tmp_path / "p.bch").write_text(text)
-    files = ["-o", str(tmp_path / "p.sol"), "--certificate", str(tmp_path / "c.jsonl")]
-    run = CliRunner().invoke(app, ["solve", str(tmp_path / "p.bch"), *files])
-    assert run.exit_code == 1, run.output
-    assert "not certified" in run.output
-    assert (tmp_path / "p.sol").read_text().endswith("objno 0 100\n")
-    for file in ("m", "c.jsonl"):
-        assert check(tmp_path / file).claims.eps_hi is None
-
-
 def test_an_exponent_that_is_an_interval_of_one_number_is_that_number(tmp_path: Path) -> None:
     text = "Variables\nx in [-3, -1];\nConstraints\nx^[{}] = 4;\nend\n"
     (tmp_path / "two.bch").write_text(text.format("2, 2"))

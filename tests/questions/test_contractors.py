@@ -1,6 +1,5 @@
 """Every contractor that was asked for takes part; the certificate holds what weights prove, and both are told apart."""
 
-import json
 import math
 from fractions import Fraction as F
 from pathlib import Path
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 
 import cpcal
-from contractors import HC4, Lifted
+from contractors import Lifted
 from cpcal.checker import check
 from cpcal.common.numbers import at_least
 from cpcal.solver import plugins
@@ -44,42 +43,11 @@ class ShortSighted(Composable):
         return self.inner.contract(box) if box.width[0] < 25.0 else Contraction(box)
 
 
-def calls_of(monkeypatch: pytest.MonkeyPatch, contractor: type) -> list[Box]:
-    """The boxes that objects of a class contract from now on."""
-    seen: list[Box] = []
-    contract = contractor.contract  # type: ignore[attr-defined]
-
-    def counted(self: Any, box: Box, deadline: float = math.inf) -> Contraction:
-        seen.append(box)
-        result: Contraction = contract(self, box, deadline)
-        return result
-
-    monkeypatch.setattr(contractor, "contract", counted)
-    return seen
-
-
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> tuple[cpcal.Campaign, Path]:
     folder = tmp_path_factory.mktemp("campaign")
     cpcal.save_campaign(cpcal.simulate(**SMALL, factor=0.0), folder)
     return cpcal.load_campaign(folder), folder
-
-
-@pytest.mark.parametrize("method", ["bound", "timeout"])
-def test_hc4_is_called_in_a_search_that_writes_certificates(campaign, method, tmp_path, monkeypatch):
-    seen = calls_of(monkeypatch, HC4)
-    question: dict[str, Any] = {"method": method, "gap": 0.3, "time_limit": 30.0, "delta": 1.0, "support": "few"}
-    leg = cpcal.certify(campaign[0], legs=[1], contractors=("hc4", "lifted"), certificates=tmp_path, **question).legs[0]
-    hc4, lifted = leg.work.contractors_used
-    assert (hc4.name, lifted.name) == ("hc4", "lifted")
-    assert 0 < hc4.calls <= len(seen)
-    assert lifted.calls > 0
-    assert hc4.certified_steps == 0  # it gives no weights
-    lines = [json.loads(line) for line in (tmp_path / "leg1.cert.jsonl").read_text().splitlines()]
-    held = sum(len(line.get("bounds", ())) for line in lines) + sum("exclude" in line for line in lines)
-    assert lifted.certified_steps == held > 0
-    assert lifted.steps >= lifted.certified_steps
-    assert check(tmp_path / "leg1.cert.jsonl").claims.eps_lo == F(leg.bracket.lo)
 
 
 def test_what_weights_do_not_prove_in_time_is_not_the_answer(campaign, tmp_path, monkeypatch):

@@ -6,14 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
 
 import cpcal
 from cpcal.checker import check_run
 from cpcal.common.values import Floats
 from cpcal.models import leg_model, leg_readings, reading_moves, reading_range
 from cpcal.questions import LegResult, Result, recommendation, save_result, verdict_of
-from cpcal.questions.recommended import nearest_within
 from cpcal.robot import Campaign, Pose, Robot, Uncertainty, leg_vectors, rotation_matrix
 from cpcal.solver.certificate.float_rows import AllReadings
 
@@ -178,23 +176,3 @@ def test_with_outliers_a_pass_is_over_the_others() -> None:
     assert (
         np.delete(errors(of, np.array(leg.recommended.point), np.zeros(7)), 17).max() <= leg.recommended.largest <= 0.5
     )
-
-
-def test_a_step_within_limits_is_the_one_that_another_method_finds() -> None:
-    rng = np.random.default_rng(3)
-    for _ in range(5):
-        slopes, values = rng.standard_normal((20, 4)), rng.standard_normal(20)
-        rows, limits = rng.standard_normal((30, 4)), rng.uniform(0.05, 0.3, 30)
-        step = nearest_within(slopes, values, rows, limits)
-        assert step is not None
-        assert (rows @ step <= limits + 1e-9).all()
-        other = minimize(
-            lambda d, a=slopes, b=values: np.sum((b + a @ d) ** 2),
-            np.zeros(4),
-            method="SLSQP",
-            constraints={"type": "ineq", "fun": lambda d, a=rows, b=limits: b - a @ d},
-            options={"ftol": 1e-14},
-        )
-        assert np.sum((values + slopes @ step) ** 2) <= other.fun + 1e-7
-    impossible = np.array([[1.0, 0, 0, 0], [-1.0, 0, 0, 0]])
-    assert nearest_within(slopes, values, impossible, np.array([-1.0, -1.0])) is None

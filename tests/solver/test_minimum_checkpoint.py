@@ -3,7 +3,6 @@
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -11,7 +10,6 @@ import pytest
 
 import cpcal
 from cpcal.common.errors import InputError
-from cpcal.solver.certificate.recording import UncertifiedError
 from cpcal.solver.contract import Limits
 from cpcal.solver.optimize.bound import Minimum
 
@@ -93,31 +91,3 @@ def test_killed_at_any_moment_it_goes_on_to_the_same_certificate(tmp_path, whole
         run.send_signal(signal.SIGKILL)
     found = solved(**LIFTED, certificate=tmp_path / "part", checkpoint=tmp_path / "search", resume=True)
     assert (answer(found), (tmp_path / "part").read_bytes()) == whole
-
-
-def test_a_disk_that_fills_up_with_steps_costs_the_certificate_alone(tmp_path, monkeypatch, whole):
-    full = tempfile.TemporaryFile
-
-    class Full:
-        """A file that has room for a few lines."""
-
-        def __init__(self, *args: object, **options: object) -> None:
-            self._file, self._left = full(*args, **options), 3  # type: ignore[call-overload]
-
-        def write(self, text: str) -> None:
-            self._left -= 1
-            if self._left < 0:
-                raise OSError(28, "No space left on device")
-            self._file.write(text)
-
-        def __getattr__(self, name: str) -> object:
-            return getattr(self._file, name)
-
-    monkeypatch.setattr(tempfile, "TemporaryFile", Full)
-    with pytest.raises(UncertifiedError, match=r"no room for the steps of a proof.*TMPDIR") as raised:
-        solved(**LIFTED, certificate=tmp_path / "part", checkpoint=tmp_path / "search")
-    assert answer(raised.value.answer)[:-1] == whole[0][:-1]
-    assert raised.value.answer.verdict is cpcal.Verdict.NOT_CERTIFIED
-    assert raised.value.answer.status.startswith("The gap is closed, but not certified: no room for the steps of a")
-    assert not (tmp_path / "part").exists()
-    assert not (tmp_path / "search").exists()  # it would lack steps

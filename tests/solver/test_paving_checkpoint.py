@@ -1,11 +1,8 @@
 """A paving that is stopped anywhere and gone on with ends in the answer that it would have had."""
 
-import gzip
-
 import pytest
 
 import cpcal
-from cpcal.common.errors import InputError
 from cpcal.solver import model
 from cpcal.solver.contract import Limits
 
@@ -51,25 +48,6 @@ def test_stopped_again_and_again_it_ends_in_the_same_answer(build, options, step
         stops += 1
     assert stops >= 2
     assert answer(found) == whole
-
-
-def test_a_checkpoint_is_of_one_problem_and_its_options(tmp_path):
-    file = tmp_path / "search"
-    ring().solve(width=0.2, limits=Limits(nodes=20), checkpoint=file)
-    assert ring().digest == ring().digest
-    with pytest.raises(InputError, match="problem differ"):
-        ring(1.5).solve(width=0.2, checkpoint=file, resume=True)
-    with pytest.raises(InputError, match="options differ"):
-        ring().solve(width=0.1, checkpoint=file, resume=True)
-    content = file.read_bytes()
-    file.write_bytes(content[:-20])
-    with pytest.raises(InputError, match="cut off"):
-        ring().solve(width=0.2, checkpoint=file, resume=True)
-    file.write_bytes(gzip.compress(b"{}\n"))
-    with pytest.raises(InputError, match="cut off or garbled"):
-        ring().solve(width=0.2, checkpoint=file, resume=True)
-    assert ring().solve(width=0.2, checkpoint=file).complete  # without resume it begins anew
-    assert not file.exists()
 
 
 def test_with_workers_the_answer_is_the_same(tmp_path):

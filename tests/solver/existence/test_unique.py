@@ -13,59 +13,6 @@ from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, Expr, sqr, sqrt
 
 
-def broyden_banded(n: int) -> ConstraintNetwork:
-    """Broyden's banded function (More, Garbow and Hillstrom 1981, number 31)."""
-    net = ConstraintNetwork()
-    x = net.variable("x", n, (-100, 101))
-    for i in range(n):
-        row = x[i] * (2 + 5 * sqr(x[i])) + 1
-        for j in range(max(0, i - 5), min(n, i + 2)):
-            if j != i:
-                row = row - x[j] * (1 + x[j])
-        net.add(row == 0)
-    return net
-
-
-def brown_almost_linear(n: int) -> ConstraintNetwork:
-    """Brown's almost linear function (number 27 there): one solution is all ones."""
-    net = ConstraintNetwork()
-    x = net.variable("x", n, (-10, 10))
-    product: Expr = x[0]
-    for i in range(n - 1):
-        net.add(x[i] + x.sum(0) == n + 1)
-        product = product * x[i + 1]
-    net.add(product == 1)
-    return net
-
-
-def circle_and_parabola() -> ConstraintNetwork:
-    """x^2 + y^2 = 4 meets y = x^2 - 1 at y = (1 + sqrt 13) / 2 - 1, twice."""
-    net = ConstraintNetwork()
-    x, y = net.variable("x", (), (-3, 3)), net.variable("y", (), (-3, 3))
-    net.add([sqr(x) + sqr(y) == 4, y == sqr(x) - 1])
-    return net
-
-
-def test_classic_systems() -> None:
-
-    def prove(net: ConstraintNetwork, near: list[float]) -> Box:
-        prover = UniquenessProver(net)
-        found = prover.prove(Box(net.names, np.array(near), np.array(near)))
-        assert found is not None
-        assert found.box.subset(found.region)
-        assert found.box.width.max() < 1e-12
-        return found.box
-
-    assert [1.0] * 5 in prove(brown_almost_linear(5), [1.001] * 5)
-    other = prove(brown_almost_linear(5), [0.91, 0.91, 0.91, 0.91, 1.4])
-    assert other["x[4]"].lo == pytest.approx(1.418227, abs=1e-6)  # its other real solution with positive components
-    y = (np.sqrt(13.0) - 1.0) / 2.0
-    box = prove(circle_and_parabola(), [1.5, 1.3])
-    assert box.mid == pytest.approx([np.sqrt(y + 1.0), y], abs=1e-14)
-    broyden = prove(broyden_banded(10), [-0.5] * 10).mid
-    assert broyden[:3] == pytest.approx([-0.428303, -0.476596, -0.519652], abs=1e-6)
-
-
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_the_known_solution_of_a_random_system_is_in_the_box(seed: int) -> None:

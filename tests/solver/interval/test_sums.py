@@ -88,36 +88,6 @@ def factor(*operands: Pair) -> Pair:
     return float(low), float(high)
 
 
-@pytest.mark.parametrize(
-    ("z", "y", "x", "expected"),
-    [
-        ((1, 2), (4, 8), (-9, 9), (0.125, 0.5)),
-        ((1, 2), (-1, 1), (-9, 9), (-9, 9)),  # outside (-1, 1), on both sides
-        ((1, 2), (-1, 1), (0, 9), (1, 9)),
-        ((1, 2), (-1, 4), (-9, 0.1), (-9, -1)),
-        ((1, 2), (-1, 1), (-0.5, 0.5), None),
-        ((-2, -1), (-1, 2), (0, 9), (1, 9)),
-        ((-2, -1), (-1, 2), (-9, 0), (-9, -0.5)),
-        ((1, 2), (0, 4), (-9, 9), (0.25, 9)),
-        ((1, 2), (-4, 0), (-9, 9), (-9, -0.25)),
-        ((1, 2), (0, 4), (-math.inf, 0), None),
-        ((-2, -1), (-4, 0), (-math.inf, math.inf), (0.25, math.inf)),
-        ((1, 2), (0, 0), (-9, 9), None),
-        ((-1, 2), (0, 0), (-9, 9), (-9, 9)),
-        ((0, 2), (-1, 4), (3, 9), (3, 9)),
-        ((1, math.inf), (0, math.inf), (-9, 9), (0, 9)),
-        ((1, 2), (-math.inf, math.inf), (-9, 9), (-9, 9)),
-        (None, (1, 2), (-9, 9), None),
-        ((1, 2), None, (-9, 9), None),
-        ((1, 2), (-1, 2), None, None),
-    ],
-)
-def test_factor_of_one(z: Pair | None, y: Pair | None, x: Pair | None, expected: Pair | None) -> None:
-    empty = (math.nan, math.nan)
-    got = factor(*(pair or empty for pair in (z, y, x)))
-    np.testing.assert_allclose(got, expected or empty, rtol=1e-15, atol=1e-320)
-
-
 def test_dot_of_points_is_tight() -> None:
     rng = np.random.default_rng(0)
     a, b = rng.normal(size=(6, 30)), rng.normal(size=(30, 7))
