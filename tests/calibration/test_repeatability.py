@@ -7,7 +7,7 @@ from cpcal.calibration import as_campaign, redefined, repeat_tests, repeatabilit
 from cpcal.questions import calibrate_study
 from cpcal.robot import Study, inverse
 from cpcal.simulate import simulate_study
-from tests.changed import with_drift, with_pose_noise, with_robot_scatter
+from tests.changed import with_drift, with_robot_scatter
 
 
 def found_of(study: Study):
@@ -44,14 +44,6 @@ def test_standard_errors_and_sets_do_not_grow_with_the_robots_scatter(perfect):
     assert 0.8 < ratio.min() < ratio.max() < 1.2
     assert (restless.campaign.length_radius < 1.25 * quiet.campaign.length_radius).all()
     assert "as expected" in restless.x_c_sigma.sentence
-
-
-def test_correlated_noise_of_the_pose_is_found(perfect):
-    root = np.array([[0.05], [0.0], [0.05], [2e-4], [0.0], [0.0]])
-    found = found_of(with_pose_noise(perfect, root, seed=1))
-    camera = found.camera / np.outer(found.noise_sigma[:6], found.noise_sigma[:6])
-    assert camera[0, 2] > 0.7
-    assert camera[0, 3] > 0.7
 
 
 def test_few_repeats_are_all_taken_as_noise():

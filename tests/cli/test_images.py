@@ -46,10 +46,6 @@ def shots(tmp_path_factory):
     return folder
 
 
-def test_images_are_those_of_a_study(tmp_path):
-    assert "--render" in refused("simulate", "deltalab", "--render", "-o", tmp_path / "other")
-
-
 def detect(shots, table, *options):
     files = ("--target", shots / "target.toml", "--camera", shots / "camera.toml")
     return run("image", "detect", shots / "images" / table, "-o", shots / f"poses-{table}.csv", *files, *options)

@@ -166,18 +166,6 @@ def test_files_of_another_run_are_refused(run: Path, runs: tuple[Path, Path, Pat
     done("verify", run, status=1)
 
 
-def test_a_run_needs_nothing_else(run: Path, small: Path, runs: tuple[Path, Path, Path]) -> None:
-    assert "REFUSED" not in done("verify", run)
-    done("verify", run, "--campaign", small)
-    done("report", run)
-    done("verify", run)  # as the page is none of what was proved
-    done("verify", runs[2])
-
-
-def test_the_original_files_can_be_compared(run: Path, runs: tuple[Path, Path, Path]) -> None:
-    assert "another one" in done("verify", run, "--campaign", runs[1].parent / "campaign", status=1)
-
-
 @pytest.mark.parametrize("missing", ["campaign.json", "result.json"])
 def test_what_is_missing_is_unusable_not_refused(run: Path, missing: str) -> None:
     (run / missing).unlink()

@@ -7,7 +7,6 @@ from decimal import Decimal
 from fractions import Fraction
 from pathlib import Path
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -89,25 +88,6 @@ def test_what_a_user_stated_is_repeated_exactly(value):
 def test_estimates_are_rounded_to_the_nearest(value, decimals):
     assert abs(read(nearest(value, decimals)) - Fraction(value)) <= Fraction(1, 2 * 10**decimals)
     assert abs(read(about(value, 3)) - Fraction(value)) <= abs(Fraction(value)) / 200
-
-
-@pytest.mark.parametrize(
-    ("lo", "hi", "texts"),
-    [
-        (0.0, 0.0, ("0", "0")),
-        (0.0890117468, 0.0890117515, ("0.08901174", "0.08901176")),
-        (1.6262165, 1.6262165, ("1.626216", "1.626217")),
-        (0.0, 0.5, ("0", "0.5000000")),
-        (0.25, math.inf, ("0.2500000", "∞")),
-        (math.inf, math.inf, ("∞", "∞")),
-        (0.0, math.inf, ("0", "∞")),
-        (-math.inf, math.nan, ("-∞", "—")),
-        (1.50000005e-9, 1.60000005e-9, ("1.500000e-9", "1.600001e-9")),
-        (9.9999999, 9.9999999, ("9.999999", "10.000000")),
-    ],
-)
-def test_brackets(lo, hi, texts):
-    assert bracket_text(lo, hi) == texts
 
 
 def test_examples():

@@ -32,12 +32,6 @@ def test_a_batch_is_its_boxes_one_by_one(factor: float) -> None:
     assert 0 < emptied < 25
 
 
-def test_no_boxes_give_no_boxes() -> None:
-    net = cpcal.Network()
-    net.add(net.variable("x", domain=(0.0, 1.0)) <= 0.5)
-    assert HC4(net).contract_batch(IntervalArray(np.zeros((0, 1)), np.zeros((0, 1)))).shape == (0, 1)
-
-
 @pytest.mark.parametrize("expression", ["3 * x", "x + 3", "3 - x", "x - 3", "x / 3", "3 / x"])
 def test_what_a_constant_forbids_is_found_at_the_other_argument(expression: str) -> None:
     net = cpcal.Network()

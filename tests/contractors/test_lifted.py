@@ -8,11 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contractors import HC4, Lifted
+from contractors import Lifted
 from contractors.relaxation import Shift, column_bounds, product_rows
-from cpcal.models import fit_model, leg_box, leg_network
-from cpcal.robot import Campaign
-from cpcal.simulate import simulate
 from cpcal.solver.network import ConstraintNetwork, norm, sqrt
 from cpcal.solver.network.polynomial import Monomial
 
@@ -64,29 +61,6 @@ def test_product_rows_hold_for_every_point_of_the_cube(variables: int, degree: i
     assert all(lo <= v <= hi for lo, v, hi in zip(bounds.lo, w, bounds.hi, strict=True))
     for row, rhs in zip(rows.matrix, rows.rhs, strict=True):
         assert sum(Fraction(c) * v for c, v in zip(row, w, strict=True) if c) <= Fraction(rhs)
-
-
-@pytest.fixture(scope="module")
-def campaign() -> Campaign:
-    return simulate(seed=5, joint_error=1.0)
-
-
-def exact_readings(campaign: Campaign) -> Campaign:
-    return Campaign.of(campaign.robot, campaign.position, campaign.quaternion, campaign.length, exact=True)
-
-
-@pytest.mark.parametrize("exact", [True, False])
-def test_contracts_a_leg_at_100_mm_where_hc4_cannot(campaign: Campaign, exact: bool) -> None:
-    used = exact_readings(campaign) if exact else campaign
-    center = fit_model(used, 1)
-    net = leg_network(used, 1, leg_box(center, 100.0), eps=(0.0, 2.0))
-    by_hc4 = HC4(net).contract(net.domain).box
-    assert (by_hc4.width[:7] > 0.9 * 200.0).all()
-    by_lifted = Lifted(net, objective="eps").contract(net.domain)
-    assert (by_lifted.box.width[:7] < 0.65 * 200.0).all()
-    assert by_lifted.programs > 0
-    assert np.append(center, 2.0) in by_lifted.box
-    assert all(step.rows for step in by_lifted.steps)
 
 
 def test_a_measurement_decides_at_neither_end_across_a_pole_or_a_missing_root() -> None:

@@ -126,22 +126,6 @@ def test_override_columns_replace_half_widths_row_by_row(tmp_path):
     assert not loaded.exact
 
 
-def test_half_widths_given_directly_and_whole_numbers(tmp_path):
-    (tmp_path / "campaign.toml").write_text(
-        'format = "cpcal-campaign/1"\nprovenance = {year = 2006, when = 2006-05-01}\n'
-        '[robot]\nname = "cable"\nbase = [[1, 2, 3]]\nmobile = [[0, 0, 0]]\noffset = [5]\n'
-        "[uncertainty]\nposition_half_width = [1, 2, 3]\nrotation_half_width = [0, 0, 0]\n"
-        "length_half_width = [0.5]\n"
-    )
-    (tmp_path / "measurements.csv").write_text("pose,run,x,y,z,qw,qx,qy,qz,L1\na,1,1,2,3,1,0,0,0,7\n")
-    loaded = load_campaign(tmp_path)
-    assert loaded.legs == 1
-    assert loaded.position_radius.tolist() == [[1, 2, 3]]
-    assert loaded.length_radius.tolist() == [[0.5]]
-    assert loaded.uncertainty.factor is None
-    assert loaded.provenance == {"year": "2006", "when": "2006-05-01"}
-
-
 def test_whether_readings_are_exact_is_never_taken_for_granted():
     arrays = (DELTALAB, np.zeros((2, 3)), [[1, 0, 0, 0]] * 2, np.zeros((2, 6)))
     some = {"position_radius": 0.1, "rotation_radius": 0.0}
@@ -150,16 +134,6 @@ def test_whether_readings_are_exact_is_never_taken_for_granted():
             Campaign.of(*arrays, **way)
     assert Campaign.of(*arrays, exact=True).exact
     assert not Campaign.of(*arrays, **some, length_radius=0.0).exact
-
-
-def test_saving_over_a_campaign_keeps_other_files_and_leaves_no_litter(tmp_path):
-    folder = tmp_path / "deep" / "campaign"
-    save_campaign(simulate(seed=1), folder)
-    (folder / "photo.png").write_bytes(b"x")
-    save_campaign(simulate(seed=2), folder)
-    assert load_campaign(folder) == simulate(seed=2)
-    assert sorted(os.listdir(folder)) == ["campaign.toml", "measurements.csv", "photo.png"]
-    assert os.listdir(folder.parent) == ["campaign"]
 
 
 @pytest.mark.parametrize(

@@ -206,14 +206,6 @@ def test_the_bound_of_a_point_is_attained_where_only_its_place_or_only_the_turn_
     assert math.isclose(place, expected * (math.sqrt(3.0) if turned else 1.0), rel_tol=1e-9)
 
 
-def test_brackets_close_to_a_millionth(exact_run, uncertain):
-    for result in (exact_run.result, uncertain.result):
-        assert result.complete
-        assert not result.timed
-        assert 0.0 < result.eps_lo <= result.eps_hi <= result.eps_lo * (1.0 + 1e-6)
-        assert result.support
-
-
 def test_the_wrong_image_is_named_and_proved(wrong):
     found = wrong.result
     assert found.left_out == ("image005",)

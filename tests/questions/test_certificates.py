@@ -70,16 +70,6 @@ def test_the_certificate_says_what_the_result_says(asked: Asked, joint_error: fl
     assert (leg.bracket.lo == 0.0) == (joint_error == 0.0)
 
 
-def test_a_refuted_tolerance_is_infeasible(asked: Asked) -> None:
-    leg, run = asked(SMALL | {"joint_error": 10.0, "factor": 0.0}, eps=0.1)
-    found = accepted(run, leg.bracket.certificate)
-    assert leg.bracket.verdict is cpcal.Verdict.REFUTED
-    assert found.claims.infeasible
-    assert found.claims.cap == F(0.1) == found.lo[7] == found.hi[7]
-    assert found.claims.point is None
-    assert found.claims.eps_lo is None
-
-
 def test_the_same_bytes_twice_and_for_one_leg_or_more(tmp_path: Path) -> None:
     cpcal.save_campaign(cpcal.simulate(**SMALL, joint_error=10.0, factor=0.0), tmp_path / "campaign")
     campaign = cpcal.load_campaign(tmp_path / "campaign")

@@ -35,12 +35,6 @@ def test_one_pose_read_any_number_of_times_determines_next_to_nothing(rows):
     assert "l" in found.undetermined
 
 
-def test_the_extremal_poses_determine_all_parameters():
-    found = of(range(0, len(whole), 40))
-    assert (found.rank, found.undetermined, found.sentence) == (7, (), "")
-    assert found.tests_the_model
-
-
 def test_identical_measurements_are_no_pass():
     result = cpcal.certify(part([0] * 40), legs=[1], tolerance=400.0, support="none")
     assert verdict_of(result, result.legs[0]).kind == "undetermined"

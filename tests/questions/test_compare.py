@@ -76,14 +76,6 @@ def test_nested_models_never_have_a_larger_eps(request, kind):
             assert leg.bracket.lo <= leg_of(comparison, "plain", leg.leg).bracket.hi
 
 
-def test_all_models_are_asked_about_the_same_box(found):
-    centers = {leg.bracket.center for result in found.values() for leg in result.legs}
-    assert len(centers) == 2
-    assert {result.options.delta for result in found.values()} == {30.0}
-    with pytest.raises(cpcal.InputError, match="not common to all models"):
-        cpcal.compare(cpcal.simulate(seed=1), ["plain", "gain"], center="fit")
-
-
 def test_what_has_no_certificate_is_said_to_be_unchecked(uncertain, tmp_path):
     own = cpcal.LegModel("own", "L + l + k", (cpcal.Parameter("k", "mm", 1.0),), lambda measured, x: x["k"])
     comparison = cpcal.compare(uncertain, ["plain", own], tolerance=0.05, legs=[1], certificates=tmp_path, gap=1e-3)

@@ -11,7 +11,6 @@ import pytest
 import cpcal
 from contractors import Lifted
 from cpcal.checker import check
-from cpcal.common.numbers import at_least
 from cpcal.solver import plugins
 from cpcal.solver.contract import Composable, Contraction, Step
 from cpcal.solver.interval import Box
@@ -29,18 +28,6 @@ class Oracle(Composable):
         if box.is_empty or not box.lo[box.index(self.name)] < self.least:
             return Contraction(box)
         return Contraction(box.replace(self.name, lo=self.least), (Step("oracle", self.name, "lo", self.least),))
-
-
-class ShortSighted(Composable):
-    """Gives weights, but only on small boxes: the proof takes divisions."""
-
-    gives_weights = True
-
-    def __init__(self, network: cpcal.Network, name: str) -> None:
-        self.inner = Lifted(network, objective=name)
-
-    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
-        return self.inner.contract(box) if box.width[0] < 25.0 else Contraction(box)
 
 
 @pytest.fixture(scope="module")
@@ -81,27 +68,6 @@ def two_anchors() -> tuple[cpcal.Network, cpcal.Expr]:
     net.add((cpcal.norm(np.array([[-3.0, 0.0], [3.0, 0.0]]) - p) - np.array([5.0, 5.0])).within((-z, z)))
     net.add((cpcal.norm(np.zeros((1, 2)) - p) - 4.5).within((-z, z)))
     return net, z
-
-
-def test_a_weaker_certificate_says_both_bounds(tmp_path: Path) -> None:
-    net, z = two_anchors()
-    contractors = [Oracle(OPTIMUM - 1e-3, "z"), ShortSighted(net, "z")]
-    limits = cpcal.Limits(nodes=2, gap=1e-9)
-    found = net.minimize(z, contractors=contractors, limits=limits, certificate=tmp_path / "c.jsonl")
-    assert found.found is not None
-    assert found.lo < found.found.lo <= OPTIMUM <= found.hi
-    assert found.found.lo >= OPTIMUM - 1e-3
-    assert at_least(found.lo, 10) in found.status
-    assert at_least(found.found.lo, 10) in found.status
-    assert found.found.enclosure.subset(found.enclosure)
-    assert found.verdict is cpcal.Verdict.UNKNOWN
-    claims = check(tmp_path / "c.jsonl").claims
-    assert claims.eps_lo == F(found.lo)
-    assert [use.name for use in found.contractors_used] == ["Oracle", "ShortSighted"]
-    assert found.contractors_used[0].certified_steps == 0
-    plain = net.minimize(z, contractors=contractors, limits=limits)
-    assert plain.found is None  # without a certificate all that was found is the answer
-    assert plain.lo >= OPTIMUM - 1e-3
 
 
 def test_a_wrong_refutation_by_another_contractor_never_reaches_the_certificate(tmp_path: Path) -> None:

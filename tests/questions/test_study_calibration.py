@@ -53,23 +53,6 @@ def test_poses_improve_and_validation_knows_the_noise_of_its_own_readings(found:
             assert 0.3 < figures["rms"][1] / floor < 3.0
 
 
-def test_the_campaign_is_one_row_a_configuration(study: Study, found: StudyCalibration) -> None:
-    assert (len(found.campaign), len(found.check)) == (64, 12)
-    sigma = found.record.repeats.channels[11].sigma
-    assert found.campaign.length_radius[0, 5] == pytest.approx(3 * sigma / 2, rel=1e-6)
-    single = calibrate_study(study, of="single")
-    assert single.campaign.length_radius[0, 5] == pytest.approx(3 * sigma, rel=1e-6)
-    assert np.abs(single.x_c.parameters - found.x_c.parameters).max() < 1e-2  # whichever way the frames are started
-
-
-def test_imperfect_legs_leave_residuals_that_noise_does_not_explain(study: Study) -> None:
-    found = calibrate_study(simulate_study(seed=3, runs=4, validation_runs=1, random_poses=6, sag=3.0))
-    assert "as expected" not in found.x_c.sentence
-    # validation poses need not be repeated
-    assert "nothing tells outliers" in found.record.validation.screening
-    assert len(found.check) == 6
-
-
 def test_one_gross_error_leaves_statistics_and_validation_alone(study: Study, found: StudyCalibration) -> None:
     def spoiled(table: PoseTable) -> PoseTable:
         position = table.position.copy()

@@ -3,15 +3,12 @@
 import math
 import re
 
-import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 import cpcal
 from cpcal.models import PARAMETERS
 from cpcal.report import errors_svg
-from cpcal.report.figures import FARTHEST, evenly
+from cpcal.report.figures import FARTHEST
 from tests.report.made import made_leg, made_result
 
 CAMPAIGN = cpcal.simulate(seed=1, joint_error=1.0)
@@ -25,20 +22,6 @@ def leg(number=1, eps_hi=0.2, **changes):
 
 # ------------------------------------------------------------------------------------------------------------------
 # Ticks are round numbers in the range, data land where they belong, words are no markup.
-
-
-@given(st.floats(-1e6, 1e6), st.floats(1e-9, 1e6), st.integers(2, 9))
-def test_ticks_lie_in_the_range_evenly_and_not_too_many(lo, width, most):
-    hi = lo + width
-    if hi - lo < 1e-6 * abs(lo):  # digits that float64 has not
-        return
-    found = evenly(lo, hi, most)
-    assert len(found) <= most + 1
-    assert len(found) >= 1 or most < 4
-    slack = 1e-6 * (hi - lo)
-    assert all(lo - slack <= t <= hi + slack for t in found)
-    steps = np.diff(found)
-    assert np.allclose(steps, steps[:1], rtol=1e-6)
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -139,13 +139,6 @@ def test_a_result_of_another_campaign_is_refused(campaign, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_tolerance_makes_the_page_say_pass_or_fail(campaign):
-    legs = leg_result(campaign), leg_result(campaign, 2, eps_lo=0.6, eps_hi=0.7)
-    page = render(campaign, result_of(campaign, *legs, tolerance=0.5))
-    assert re.search(r'class="verdict explained"[^>]*>pass<', page)
-    assert re.search(r'class="verdict unexplained"[^>]*>fail<', page)
-
-
 def test_an_unproved_robot_wears_no_badge_that_says_proved(campaign):
     page = render(campaign, result_of(campaign))
     badges = re.findall(r'class="verdict (\w+)"[^>]*>([^<]*)<', page)

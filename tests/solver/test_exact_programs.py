@@ -3,13 +3,10 @@
 As a command, many of them: `python -m tests.solver.test_exact_programs 3000`.
 """
 
-import os
-import subprocess
 import sys
 from dataclasses import dataclass
 from fractions import Fraction as F
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -197,28 +194,6 @@ def test_the_kernel_ends_in_its_bounded_number_of_pivots_without_help(monkeypatc
             engine.load(case.matrix, case.rhs, case.lower, case.upper)
             for objective in case.objectives:
                 engine.minimize(objective)
-
-
-def test_in_plain_python_the_kernel_finds_the_same_to_the_last_bit() -> None:
-    """One source: a fresh interpreter with NUMBA_DISABLE_JIT=1, the same programs."""
-    code = "from tests.solver.test_exact_programs import digits; print(digits(28))"
-    root = Path(__file__).parents[2]
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(root)}
-    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == digits(28)
-
-
-def digits(count: int) -> str:
-    """What the kernel says of the first programs, in full."""
-    said = []
-    for seed in range(count):
-        case = program(seed)
-        engine = Dense()
-        engine.load(case.matrix, case.rhs, case.lower, case.upper)
-        for objective in case.objectives:
-            found = engine.minimize(objective)
-            said += [found.status.name, *(v.hex() for v in [*found.point.tolist(), *found.multipliers.tolist()])]
-    return " ".join(said)
 
 
 if __name__ == "__main__":

@@ -64,12 +64,6 @@ def test_a_claim_twice(checked: Any, short_proof: Any, key: bytes) -> None:
     assert "twice" in caught.reason
 
 
-def test_an_empty_line_between(checked: Any, short_proof: Any) -> None:
-    lines = encoded(short_proof.lines)
-    for at in (1, short_proof.head, short_proof.head + 1):
-        assert refused(checked, b"".join([*lines[:at], b"\n", *lines[at:]]), short_proof.folder).line == at + 1
-
-
 @pytest.mark.parametrize("depth", [100, 900, 940, 960, 980, 990, 1000])
 def test_deep_values(depth: int, checked: Any, short_proof: Any) -> None:
     deep = b"[" * depth + b"]" * depth
@@ -95,14 +89,6 @@ def peak_of(path: Path, folder: Path | None, match: str) -> int:
         return tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-
-
-def test_a_huge_line_takes_little_memory(tmp_path: Path, exact_proof: Any) -> None:
-    path = tmp_path / "huge.jsonl"
-    with path.open("wb") as out:
-        for _ in range(32):
-            out.write(b"[" + b"0," * (1 << 19))
-    assert peak_of(path, exact_proof.folder, "line 1: .*4 MiB") < 32 << 20
 
 
 def test_a_long_file_takes_little_memory(tmp_path: Path, network_proof: Any) -> None:

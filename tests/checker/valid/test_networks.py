@@ -92,30 +92,9 @@ def test_an_anchor_and_an_offset(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["a.cert.jsonl"]
 
 
-def equality() -> tuple[cpcal.Network, cpcal.Expr]:
-    """An equality that float64 numbers satisfy, and a minimum below zero."""
-    net = cpcal.Network()
-    x, y = net.variable("x", (), (-2.0, 2.0)), net.variable("y", (), (-4.0, 4.0))
-    t = net.variable("t", (), (-8.0, 8.0))
-    net.add((y - 2.0 * x).within((0.0, 0.0)))
-    net.add(cpcal.sqr(x - 1.0) - y <= t)
-    return net, t
-
-
 def stated(path: Path) -> list[dict[str, Any]]:
     lines = [json.loads(line) for line in path.read_text().splitlines()]
     return lines[1 : 1 + lines[0]["constraints"]]
-
-
-def test_an_equality(tmp_path: Path) -> None:
-    """A float64 point that solves it need not be found; the lower bound is proved all the same."""
-    net, t = equality()
-    found = net.minimize(t, limits=cpcal.Limits(nodes=12), certificate=tmp_path / "e.cert.jsonl")
-    claims = proved(tmp_path / "e.cert.jsonl").claims
-    assert claims.eps_lo == F(found.lo)
-    assert -4.0 <= found.lo <= -3.0 <= found.hi
-    first = stated(tmp_path / "e.cert.jsonl")[0]
-    assert first["at_least"] == first["at_most"] == []
 
 
 def test_no_solution_at_all(tmp_path: Path) -> None:
@@ -235,20 +214,3 @@ def test_contractors_without_weights_certify_nothing(tmp_path: Path) -> None:
 
 
 # real data ----------------------------------------------------------------------------------------------------------
-
-SAMPLES = Path(__file__).resolve().parents[4] / "shared" / "data" / "hangprinter" / "samples.csv"
-
-
-@pytest.mark.real_data
-@pytest.mark.skipif(not SAMPLES.exists(), reason=f"the Hangprinter's measurements are not at {SAMPLES}")
-def test_a_cable_of_the_hangprinter(tmp_path: Path) -> None:
-    samples = np.genfromtxt(SAMPLES, delimiter=",", skip_header=1)
-    net = cpcal.Network()
-    anchor, length = net.variable("anchor", 3, (-4000, 4000)), net.variable("length", (), (0, 8000))
-    turn, eps = net.variable("turn", (), (-1, 1)), net.variable("eps", (), (0, 1e4))
-    out = length + turn * samples[:, 3]
-    net.add([(cpcal.norm(samples[:, :3] - anchor) - out).within((-eps, eps)), out >= eps])
-    found = net.minimize(eps, certificate=tmp_path / "h.cert.jsonl")
-    assert found.lo == pytest.approx(2.318231, rel=1e-6)
-    assert found.hi - found.lo <= 1e-6 * found.hi
-    agrees(check(tmp_path / "h.cert.jsonl"), found, net)

@@ -44,11 +44,6 @@ def test_handmade_certificates_are_accepted(verdict: Any, any_proof: Any) -> Non
     assert found.used <= set(found.chosen)
 
 
-def test_keys_in_any_order(verdict: Any, any_proof: Any) -> None:
-    lines = [dict(reversed(line.items())) for line in any_proof.lines]
-    assert verdict(lines, any_proof.folder) == verdict(any_proof.lines, any_proof.folder)
-
-
 def test_a_lower_bound_needs_no_point(verdict: Any, any_proof: Any) -> None:
     lines = any_proof.copy()
     claims = lines[any_proof.head]

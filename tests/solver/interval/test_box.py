@@ -93,29 +93,6 @@ def test_misuse_is_a_model_error(make: Callable[[], object], reason: str) -> Non
         make()
 
 
-def test_one_empty_component_makes_the_box_empty() -> None:
-    empty = Box.empty(NAMES)
-    assert empty.is_empty
-    assert np.isnan([empty.lo, empty.hi, empty.mid, empty.width]).all()
-    assert empty["x"].is_empty
-    nan = math.nan
-    for same in (
-        Box(NAMES, [0, nan, 0], [1, nan, 1]),
-        unit().replace("x", lo=2),
-        unit().replace(0, hi=-1),
-        unit().with_bounds([0, 0, 2], [1, 1, 1]),
-        unit().with_bounds([0, nan, 0], [1, nan, 1]),
-        unit().with_bounds([0, 0, math.inf], [1, 1, math.inf]),
-        unit() & unit().replace("y", lo=8, hi=9),
-        Box.from_dict({"x": Interval.empty(), "y": 1, "z": 2}),
-        empty.replace("x", lo=0, hi=1),
-    ):
-        assert same == empty
-        assert hash(same) == hash(empty)
-        assert np.isnan([same.lo, same.hi]).all()
-    assert empty != Box.empty(["x"])
-
-
 @settings(max_examples=100, deadline=None)
 @given(a=BOXES, b=BOXES)
 def test_set_algebra_is_that_of_the_components(a: Box, b: Box) -> None:

@@ -12,24 +12,10 @@ import pytest
 import cpcal
 from contractors import HC4, Lifted
 from cpcal.common.errors import ModelError
-from cpcal.solver.existence import Equalities
 from cpcal.solver.interval import IntervalArray
 from cpcal.solver.model import Network
 from cpcal.solver.network import Expr
 from cpcal.solver.network.expression import as_expr
-
-
-def test_what_is_made_of_a_network_is_made_once_and_anew_after_a_change() -> None:
-    net = Network()
-    x = net.variable("x", 2, (-5, 5))
-    net.add(x[0] * x[1] == 1)
-    first = Equalities.of(net)
-    assert Equalities.of(net) is first
-    assert Equalities.of(copy.copy(net)) is first
-    assert Equalities.of(pickle.loads(pickle.dumps(net))) is not first
-    net.add(x[0] == x[1])
-    assert Equalities.of(net).count == 2
-
 
 # A caller's arrays -----------------------------------------------------------------------------------------
 

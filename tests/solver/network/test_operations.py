@@ -168,18 +168,6 @@ def test_points_equal_numpy_and_derivatives_equal_differences(name: str, seed: i
         np.testing.assert_allclose(exact, (up - down) / (2 * step), rtol=1e-5, atol=1e-6)
 
 
-def test_readings_are_narrowed_box_by_box_in_a_batch() -> None:
-    """The first sweep narrows a reading for every box of the batch on its own, also through an index."""
-    net = ConstraintNetwork()
-    x = net.variable("x", 3, (-3, 3))
-    s = net.reading(np.zeros((4, 3)), 0.5)
-    root = (s[:, [1, 2, 0]] * x).sum(-1) - 1
-    tape = Tape(net, [root, -root])
-    lo, hi = (np.array([[1.0, 1, 1], [-3, -3, -3], [0, 0, 0.1]]), np.array([[3.0, 3, 3], [3, 3, 3], [0.1, 0.1, 0.1]]))
-    narrowed = tape.contract(IntervalArray(lo, hi))
-    assert np.isnan(narrowed.lo[:, 0]).tolist() == [False, False, True]
-
-
 def test_an_undefined_element_means_that_there_is_no_solution() -> None:
     net = ConstraintNetwork()
     x = net.variable("x", 2)

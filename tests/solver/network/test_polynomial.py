@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import cpcal
 from cpcal.common.values import Floats
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import (
@@ -161,38 +160,6 @@ def _guard_is_negative(system: PolynomialSystem, a: float, b: float) -> bool:
         return False
     values = [prod(((a, b)[i] for i in system.monomials[k]), start=1.0) for k in system.guard_monomials]
     return bool((system.guards.hi[0, system.guarded] @ np.array(values) < 0).all())
-
-
-def test_a_guarded_row_alone_would_exclude_solutions() -> None:
-    """`sqrt(x) >= y` holds for every y < 0, where y^2 <= x does not: the guard saves it."""
-    net = ConstraintNetwork()
-    x, y = net.variable("x", (), (0, 1)), net.variable("y", (), (-3, 1))
-    net.add(sqrt(x) >= y)
-    system = PolynomialForms(net).on()
-    assert system.guarded.tolist() == [True]
-    assert holds(system, np.array([0.25, -3.0])) == [True]
-    assert holds(system, np.array([0.25, -3.0]), box_guard=False) == [False]
-    assert holds(system, np.array([0.25, 0.75])) == [False]
-
-
-ZEROS: dict[str, Callable[[cpcal.Expr], cpcal.Expr]] = {
-    "squared": lambda x: (0.0 * x[0]) ** 2 + x[1],
-    "product of matrices": lambda x: (np.zeros(2) @ x) ** 2 + x[0],
-    "difference": lambda x: (x[0] - x[0]) ** 2 + x[1],
-    "function": lambda x: cpcal.exp(0.0 * x[0]) + x[1],
-    "sum": lambda x: (x[0] * np.zeros(2)).sum() * x[1] + x[0],
-}
-
-
-@pytest.mark.parametrize("name", ZEROS)
-def test_what_is_zero_everywhere_has_no_monomials_and_a_value(name: str) -> None:
-    net = cpcal.Network()
-    x = net.variable("x", 2, domain=(0.0, 1.0))
-    net.add(ZEROS[name](x) <= 1.0)
-    system = PolynomialForms(net).on()
-    assert not system.leftover
-    assert system.monomials[0] == ()
-    assert len(system.monomials) == 2
 
 
 LEFT_OVER: dict[str, Callable[[Expr, Expr], Expr]] = {

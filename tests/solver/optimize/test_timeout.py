@@ -133,11 +133,3 @@ def test_an_infeasible_answer_that_weights_do_not_prove_raises_no_certified_boun
     assert leg.bracket.certificate is not None
     claims = check(tmp_path / "run" / leg.bracket.certificate).claims
     assert claims.eps_lo is None
-
-
-def test_what_the_script_does_not_answer() -> None:
-    campaign = cpcal.simulate(seed=1)
-    with pytest.raises(cpcal.InputError, match="3 problems"):
-        cpcal.certify(campaign, method="timeout", eps=1.0, delta=-1.0)
-    with pytest.raises(cpcal.InputError, match="'guess'"):
-        cpcal.certify(campaign, method="guess")
