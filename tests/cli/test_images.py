@@ -105,3 +105,10 @@ def test_every_problem_of_every_file_is_told_and_nothing_is_written(shots, tmp_p
     for part in ("cpcal-target/2", "cpcal-camera/1", "readings.csv:2"):
         assert part in said
     assert not (tmp_path / "new").exists()
+
+
+def test_options_that_do_not_go_together_are_told_at_once(shots, tmp_path):
+    files = ("--target", shots / "target.toml", "--camera", shots / "camera.toml")
+    said = refused("image", "detect", tmp_path, "-o", tmp_path / "x.csv", *files, "--table", "t")
+    for part in ("--readings and --table", "holds no PNG, JPEG or TIFF"):
+        assert part in said

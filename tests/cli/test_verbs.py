@@ -206,3 +206,8 @@ def test_every_help_has_an_example_that_the_verb_understands_and_flags_have_no_t
         context = command.make_context(name, [name], parent=context, resilient_parsing=True)
         command, arguments = command.get_command(context, name), arguments[1:]
     command.make_context(verb, arguments, parent=context)
+
+
+def test_plugins_lists_the_contractors():
+    said = done("plugins")
+    assert all(name in said for name in ("lifted", "hc4", "cpcal.contractors"))

@@ -149,3 +149,9 @@ def test_the_page_names_what_is_left_out(robust):
     assert "r005/1" in page
     assert "Whichever 1 measurements of a leg are wrong" in page
     assert "This page does not check them: cpcal verify RUN does." in page
+
+
+@pytest.mark.parametrize("what", ["nothing", "empty"])
+def test_nothing_to_check_is_unusable(tmp_path, what):
+    (tmp_path / "empty").mkdir()
+    assert run("verify", tmp_path / what).exit_code == 2

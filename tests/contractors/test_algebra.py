@@ -64,3 +64,11 @@ def test_repeat_repeats_while_it_pays() -> None:
     assert once.width.max() > 1.0
     assert many.width.max() < 1e-6
     assert (0.0, 0.0) in many
+
+
+def test_repeat_stops_on_empty_and_refuses_a_senseless_ratio(network: ConstraintNetwork) -> None:
+    network.add(network.variables[0] >= 3)
+    assert Repeat(HC4(network)).contract(network.domain).box.is_empty
+    for ratio in (0.0, -1.0, 1.5):
+        with pytest.raises(ValueError, match="ratio"):
+            Repeat(HC4(network), ratio)

@@ -50,3 +50,8 @@ def test_cuts_cover_and_batches_agree_with_single_boxes(monkeypatch: pytest.Monk
     at_once, singly = (Cid(inner).slices(net.domain, 0, ends) for inner in (HC4(net), Single()))
     np.testing.assert_array_equal(at_once.lo, singly.lo)
     np.testing.assert_array_equal(at_once.hi, singly.hi)
+
+
+def test_a_disjunction_of_one_slice_is_refused() -> None:
+    with pytest.raises(ValueError, match="slices"):
+        Cid(HC4(crossing()), slices=1)

@@ -102,3 +102,13 @@ def test_directions_of_any_size_lose_nothing(power: int) -> None:
             for c, lo, hi in zip(d, box.lo, box.hi, strict=True)
         )
         assert highest <= Fraction(bound)
+
+
+def test_of_an_empty_set_they_are_empty() -> None:
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
+    net.add([x * x + y * y <= 1, x + y >= 1.6])
+    lifted = Lifted(net)
+    assert (lifted.support_function(net.domain, np.eye(2)) == -np.inf).all()
+    assert (lifted.support_function(Box.empty(net.names), np.eye(2)) == -np.inf).all()
+    assert lifted.support_function(net.domain, np.zeros((0, 2))).shape == (0,)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from cpcal.common.errors import InputError
+from cpcal.models import hand_eye_fit
 from cpcal.models.frames import PlacedFrames
 from cpcal.models.hand_eye import CAMERA, simulate_hand_eye, study_of_board
 from cpcal.models.hand_eye_fit import (
@@ -122,3 +123,14 @@ def test_half_widths_that_are_estimated_hold_what_the_poses_are_off(seed):
     assert stated.provenance["half_widths"].startswith("estimated from the data: ")
     assert with_half_widths(stated, "0.1,0.05").provenance["half_widths"] == "stated: 0.1 mm, 0.05 degrees"
     assert classical_answer(stated).rms < 0.06
+
+
+def test_programs_of_many_readings_give_the_frames_of_those_of_few(monkeypatch):
+    study, _ = uncertain("eye-in-hand")
+    answer = classical_answer(study)
+    start = ReadFrames(answer.frames, answer.readings)
+    values = []
+    for many in (1000, 0):
+        monkeypatch.setattr(hand_eye_fit, "_MANY", many)
+        values.append(hand_eye_fit.minimax_fit(PixelModel(study), start)[1])
+    assert values[1] == pytest.approx(values[0], rel=1e-3)

@@ -509,3 +509,9 @@ def test_the_three_commands_of_the_page_take_real_photographs_to_certified_frame
     result = load_hand_eye_result(tmp_path / "frames")
     assert result.images == 8
     assert result.eps_hi - result.eps_lo <= 1.1e-6 * result.eps_hi
+
+
+def test_too_many_wrong_images_for_the_study_are_refused():
+    study = simulate_hand_eye(images=9, corners=(3, 3), seed=1).study
+    with pytest.raises(InputError, match="outliers: is 2 of 9 images"):
+        certify_hand_eye(study, outliers=2)

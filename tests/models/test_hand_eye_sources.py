@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from cpcal.common.errors import InputError
 from cpcal.models.hand_eye import load_hand_poses, simulate_hand_eye
 from cpcal.models.hand_eye_fit import classical_answer
-from cpcal.models.hand_eye_sources import other_direction, read_pose_pairs, study_of_pairs, study_of_photos
+from cpcal.models.hand_eye_sources import other_direction, photo_names, read_pose_pairs, study_of_pairs, study_of_photos
 from cpcal.robot import Pose, inverse, quaternion_from_matrix
 from cpcal.vision.camera import Camera
 from cpcal.vision.target import target_from
@@ -291,3 +291,9 @@ def test_poses_that_run_from_base_to_hand_are_told_by_the_pixels(setup):
     assert "--base-in-hand" in said
     assert f"--setup {other}" in said
     assert other_direction(replace(study, setup=other, poses=inverse(study.poses))) == []
+
+
+def test_photographs_go_by_their_numbers(tmp_path):
+    for name in ("image10.png", "image2.png", "image1.png"):
+        (tmp_path / name).write_bytes(b"")
+    assert photo_names(tmp_path) == ["image1.png", "image2.png", "image10.png"]

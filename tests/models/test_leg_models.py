@@ -297,3 +297,9 @@ def test_a_broken_or_misnamed_entry_point_is_refused_with_what_it_names(other_pa
         leg_model("broken")
     with pytest.raises(cpcal.PluginError, match=r"'other' \(others:misnamed\) is no cpcal.LegModel of that name"):
         leg_model("other")
+
+
+def test_a_term_of_the_wrong_kind_is_refused_when_it_is_used(exact, cubic):
+    for wrong in (lambda m, x: m.position * x["bend"], lambda m, x: 1.0):
+        with pytest.raises(cpcal.ModelError, match=r"'bent' must give an expression of shape \(64,\)"):
+            cpcal.certify(exact, legs=[1], model=replace(cubic, term=wrong))

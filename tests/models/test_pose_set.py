@@ -160,3 +160,20 @@ def test_too_few_dots_for_so_many_outliers() -> None:
     found = enclose_pose(boxes, DELTALAB_TARGET, DELTALAB_CAMERA, outliers=2)
     assert found.verdict is Verdict.UNKNOWN
     assert "too few" in found.reason
+
+
+@pytest.mark.parametrize("count", [3, 8])
+def test_few_dots_and_other_lenses(count: int) -> None:
+    rng = np.random.default_rng(count)
+    wide = Camera(
+        1024, 768, np.array([600.0, 601.0]), np.array([511.0, 380.0]), np.array([-0.33, 0.15, 1e-3, -1e-3, -0.03])
+    )
+    plain = Camera(1024, 768, np.array([900.0, 901.0]), np.array([511.0, 380.0]), np.zeros(5))
+    for camera in (DELTALAB_CAMERA, wide, plain):
+        more = rng.choice(np.arange(13, len(ALL)), max(count - 4, 0), replace=False)
+        chosen = np.array([0, 6, 12, 7][:count] + more.tolist())
+        pose = drawn_pose(rng)
+        pixels = shown(pose, camera)[chosen] + rng.uniform(-0.04, 0.04, (count, 2))
+        found = enclose_pose(PixelBoxes.around(chosen, pixels, 0.04), DELTALAB_TARGET, camera)
+        assert found.verdict is Verdict.PROVED
+        assert pose in found

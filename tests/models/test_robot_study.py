@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from cpcal.common.errors import InputError
-from cpcal.models.hand_eye_sources import study_of_robot, with_half_widths
+from cpcal.models.hand_eye_sources import platform_poses, study_of_robot, with_half_widths
 from cpcal.questions.hand_eye import Within, certify_hand_eye, legs_in_frames
-from cpcal.robot import inverse, quaternion_conjugate, quaternion_product, rotation_vector, transformed
+from cpcal.robot import Pose, inverse, quaternion_conjugate, quaternion_product, rotation_vector, transformed
 from cpcal.simulate import simulate_study
 from cpcal.solver.interval import Box
 
@@ -71,3 +71,13 @@ def test_frames_of_a_camera_on_the_hand_and_legs_without_ranges_are_refused(fram
 def test_half_widths_that_are_none_are_refused(case, text):
     with pytest.raises(InputError, match="off"):
         with_half_widths(case[1], text)
+
+
+def test_rows_have_the_pose_of_the_drawing(case):
+    robot_study = case[0]
+    poses = platform_poses(robot_study)
+    assert list(poses) == robot_study.calibration.row_ids
+    values = np.array(list(poses.values()))[:3]
+    mobile = transformed(Pose(values[:, :3], values[:, 3:]), robot_study.robot.mobile)
+    length = np.linalg.norm(mobile - robot_study.robot.base, axis=-1) - robot_study.robot.offset
+    assert length == pytest.approx(robot_study.calibration.length[:3])

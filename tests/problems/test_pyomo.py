@@ -15,6 +15,8 @@ from cpcal.checker.certificate import check  # noqa: E402
 from cpcal.cli.app import app  # noqa: E402
 from cpcal.problems import pyomo_solver  # noqa: E402
 
+errors_: Any = pytest.importorskip("pyomo.common.errors")
+
 
 def solver(**options: Any) -> Any:
     return pyomo_solver.SolverFactory("cpcal", **options)
@@ -88,3 +90,16 @@ def test_an_exponent_that_is_an_interval_of_one_number_is_that_number(tmp_path: 
     assert "1 box holds exactly one solution" in runs[0].output
     assert runs[1].exit_code == 2
     assert "may be a whole power of a negative number" in " ".join(runs[1].output.split())
+
+
+def test_an_infeasible_model_is_proved_infeasible() -> None:
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(bounds=(-3, 3))
+    m.goal = pyo.Objective(expr=m.x)
+    m.row = pyo.Constraint(expr=m.x**2 <= -1)
+    found = solver().solve(m, raise_exception_on_nonoptimal_result=False, load_solutions=False)
+    assert found.termination_condition is results_.TerminationCondition.provenInfeasible
+    assert found.incumbent_objective is None
+    for asked in ({}, {"raise_exception_on_nonoptimal_result": False}):  # there is nothing to load
+        with pytest.raises(errors_.PyomoException, match="satisfies the constraints: proved"):
+            solver().solve(m, **asked)

@@ -9,8 +9,10 @@ import pytest
 
 import cpcal
 from cpcal.checker import check, check_run
+from cpcal.common.errors import InputError
+from cpcal.common.files import write_file
+from cpcal.questions import ask, verdict_of
 from cpcal.questions import leg as robust
-from cpcal.questions import verdict_of
 from cpcal.questions.leg import all_or_none
 from cpcal.robot import Robot
 from cpcal.simulate import simulate
@@ -127,3 +129,18 @@ def test_a_hitting_set_meets_every_set_and_none_is_missed():
         if found is not None:
             assert len(found) <= most
             assert all(found & one for one in family)
+
+
+def test_a_proof_that_cannot_be_written_takes_the_others_with_it(tmp_path, monkeypatch):
+    def full(path, content):
+        if path.name.endswith(".001.cert.jsonl"):
+            raise InputError([])
+        return write_file(path, content)
+
+    monkeypatch.setattr(ask, "write_file", full)
+    leg = asked_of(tmp_path, delta=2.0)
+    assert (leg.bracket.proofs, leg.not_certified) == ((), "")
+    others = {leg.recommended.certificate, leg.passes_from.certificate}
+    assert {path.name for path in tmp_path.glob("*.cert.jsonl")} == {leg.bracket.point_certificate, *others}
+    (checked,) = check_run(tmp_path)
+    assert (checked.refused, checked.robust.lo, float(checked.robust.hi)) == (None, None, leg.bracket.hi)

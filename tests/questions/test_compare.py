@@ -1,6 +1,7 @@
 """Comparisons: a gain error is found, nothing is found where nothing is, larger models are never worse."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -149,3 +150,13 @@ def test_the_command(exact, tmp_path):
     assert "2 problems" in bad.output
     strange = CliRunner().invoke(app, [*words, "--model", "plain,gain", "--eps", "1"])
     assert (strange.exit_code, "option --eps: has no meaning with several models" in strange.output) == (2, True)
+
+
+def test_a_user_defined_model_is_given_to_what_draws_its_result(exact, tmp_path):
+    own = cpcal.LegModel("own", "L + l + k", (cpcal.Parameter("k", "mm", 1.0),), lambda measured, x: x["k"])
+    drawn = cpcal.certify(exact, legs=[1], model=own, ranges=True)
+    page = write_report(exact, drawn, tmp_path, own).read_text(encoding="utf-8")
+    assert "residuals over the measurements, and the band" in page
+    for wrong in (replace(own, name="other"), replace(own, extra=(cpcal.Parameter("j", "mm", 1.0),))):
+        with pytest.raises(cpcal.InputError, match="is not the result's"):
+            write_report(exact, drawn, tmp_path, wrong)

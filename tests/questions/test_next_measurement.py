@@ -52,3 +52,8 @@ def test_each_chosen_pose_narrows_the_widest_range_and_none_does_so_more(case):
 def test_a_tolerance_that_nothing_meets_is_refused(case):
     with pytest.raises(InputError, match="tolerance"):
         next_images(case[0].part(np.arange(5)), case[1], 1, tolerance=0.01)
+
+
+def test_more_poses_than_see_the_target_are_refused(case):
+    with pytest.raises(InputError, match="seen from 5 of 6"):
+        next_images(case[0].part(np.arange(5)), case[1], 6)

@@ -10,11 +10,13 @@ import pytest
 
 from cpcal import InputError
 from cpcal.calibration import nearest_motion
+from cpcal.calibration.statistics import study_rows
 from cpcal.files import load_study, save_study
 from cpcal.questions import Inputs, StudyCalibration, calibrate_study, load_record, save_record
 from cpcal.report.study_page import calibration
 from cpcal.robot import PoseTable, Robot, Study, inverse, transformed
 from cpcal.simulate import simulate_study, true_robot
+from tests.changed import with_outliers
 
 
 @pytest.fixture(scope="module")
@@ -193,3 +195,20 @@ def test_a_garbled_file_is_refused(found: StudyCalibration, tmp_path: Path, path
     file.write_text(json.dumps(data), encoding="utf-8")
     with pytest.raises(InputError, match=text):
         load_record(tmp_path)
+
+
+def test_images_of_a_run_share_its_leg_readings() -> None:
+    repeats = calibrate_study(
+        simulate_study(seed=3, runs=4, validation_runs=2, random_poses=4, images=3)
+    ).record.repeats
+    assert not repeats.left_out
+    assert repeats.channels[11].sigma == pytest.approx(0.019, rel=0.2)
+
+
+def test_so_many_outliers_are_none() -> None:
+    study = with_outliers(simulate_study(seed=3, runs=5, validation_runs=1, random_poses=2), 0.2, 1.0)
+    screening = study_rows(study.calibration, study.robot).screening
+    assert screening is not None
+    assert screening.too_many
+    assert screening.keep.all()
+    assert "TOO MANY FOR OUTLIERS" in screening.sentence

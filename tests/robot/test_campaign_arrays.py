@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from cpcal import load_log
 from cpcal.common.errors import InputError
 from cpcal.robot import DELTALAB, Campaign, rotation_matrix
-from cpcal.robot.units import SEQUENCES, RotationForm, override_columns, reading_columns
+from cpcal.robot.units import SEQUENCES, RotationForm, column_map, override_columns, reading_columns
 from cpcal.simulate import simulate
 
 pandas = pytest.importorskip("pandas")
@@ -154,3 +154,20 @@ def test_frames_that_do_not_fit_are_refused_with_every_problem():
         load_log(framed(), robot="deltalab", columns="x=x[deg]", exact=True)
     with pytest.raises(InputError, match=r"uncertainty: is not stated; .* --exact"):
         load_log(framed().iloc[:, :15], robot="deltalab")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("X=Tx", "unknown column 'X'"),
+        ("x=Tx, x=Ty", "x is given twice"),
+        ("x=", "x has no column"),
+        ("x=Tx[yd]", "unknown unit 'yd'"),
+        ("nonsense", "cannot be read from 'nonsense' on"),
+        ("x=a[mm]b", "cannot be read"),
+    ],
+)
+def test_maps_that_mean_nothing_are_refused(text, message):
+    with pytest.raises(InputError) as caught:
+        column_map(text, ["x", "y"])
+    assert message in str(caught.value)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cpcal.robot import ROBOTS, Pose, inverse_kinematics, known_robot
+from cpcal.common.errors import InputError
+from cpcal.robot import ROBOTS, Pose, PoseRange, inverse_kinematics, known_robot
 from cpcal.simulate import simulate, true_robot
 
 
@@ -29,3 +30,9 @@ def test_what_a_planar_robot_cannot_do_is_fixed_and_exact():
     assert not campaign.quaternion[:, 1:3].any()
     assert np.array_equal(campaign.position_radius[0] > 0, [True, True, False])
     assert np.array_equal(campaign.rotation_radius[0] > 0, [False, False, True])
+
+
+@pytest.mark.parametrize(("low", "turn"), [([2, 0, 0], [0, 0, 0]), ([0, 0, 0], [-1, 0, 0]), ([0, 0], [0, 0, 0])])
+def test_an_empty_workspace_is_refused(low, turn):
+    with pytest.raises(InputError, match="no box of poses"):
+        PoseRange(low, [1, 1, 1], turn)

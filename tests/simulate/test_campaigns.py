@@ -1,5 +1,7 @@
 """Simulated campaigns: determinism, extremal configurations, noise, and what 7 parameters cannot describe."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -95,3 +97,9 @@ def test_all_senseless_options_are_named_at_once():
 def test_a_robot_that_cannot_be_assembled_is_refused():
     with pytest.raises(KinematicsError, match="no pose found for 1 of 2 rows"):
         assembled(DELTALAB, np.array([[70.0] * 6, [0.0, 900.0, 0.0, 0.0, 0.0, 900.0]]), (0.0, 140.0))
+
+
+def test_provenance_without_a_truth_has_no_true_robot():
+    campaign = simulate(seed=0)
+    for provenance in ({"true_parameters": "rubbish"}, {"true_parameters": "[" * 15_000}, {}):
+        assert true_robot(dataclasses.replace(campaign, provenance=provenance)) is None

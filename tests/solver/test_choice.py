@@ -124,3 +124,8 @@ def test_a_time_limit_holds_while_rows_are_expanded() -> None:
     assert {constraint for constraint, _ in forms.leftover} == set(range(6))
     assert {reason for _, reason in forms.leftover} == {"the time limit came first"}
     assert net.solve(limits=Limits(seconds=0.0)).nodes <= 1
+
+
+def test_turns_are_shorter_where_a_node_takes_longer() -> None:
+    few, many = (choice_to_solve(made(n, n)).methods[0].slice for n in (4, 60))
+    assert many < few / 10

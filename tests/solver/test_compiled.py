@@ -222,3 +222,21 @@ def test_what_a_compiled_function_calls_can_be_called_from_python_too(modules, c
     (modules / "foreign.py").write_text(FOREIGN)
     out, err = begun(modules, f"from foreign import *\nprint({calls})").communicate(timeout=100)
     assert sorted(out.split()) == ["2.0", "3.0", "4.0"], err
+
+
+@pytest.mark.parametrize("home", [True, False])
+def test_a_folder_that_can_not_be_written_is_no_error(modules, run, tmp_path, monkeypatch, home):
+    (modules / "__pycache__").write_text("in the way")
+    cache = tmp_path / "cache"
+    cache.mkdir() if home else cache.write_text("in the way")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
+    if home:
+        first, second = run(), run()
+        assert first[0] == 3.0
+        assert second == (3.0, "")
+        return
+    with pytest.warns(RuntimeWarning, match="machine code cannot be kept in") as said:
+        first, second = run(), run()
+    assert first[0] == second[0] == 3.0
+    assert "compiling" in second[1]
+    assert len(said) == 1

@@ -168,3 +168,15 @@ def test_a_division_by_a_negative_power_keeps_its_solutions():
     best = net.minimize(x)
     assert best.verdict is Verdict.PROVED
     assert best.lo <= 2.5 <= best.hi
+
+
+def test_reductions_are_those_of_numpy() -> None:
+    net = cpcal.Network()
+    v = net.variable("v", (2, 3), (-2, 2))
+    at = np.array([[0.5, -1.25, 2.0], [1.5, 0.25, -0.75]])
+    point = net.domain.with_bounds(at.ravel(), at.ravel())
+    for function in (np.sum, np.mean, np.prod, np.max, np.min):
+        for axis in (None, 0, 1):
+            found = cpcal.evaluate(net, function(v, axis=axis), point)
+            assert np.allclose(found.lo, function(at, axis=axis), rtol=1e-12)
+            assert (found.lo <= found.hi).all()

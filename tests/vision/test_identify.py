@@ -19,7 +19,7 @@ from cpcal.vision.identify import (
     turned,
     view_of,
 )
-from cpcal.vision.projection import centers_by_pose, mapped
+from cpcal.vision.projection import centers_by_pose, mapped, predicted_centers
 from cpcal.vision.target import DELTALAB_TARGET, Target, two_diagonals
 
 SMALL = two_diagonals(
@@ -170,3 +170,16 @@ def test_no_list_is_taken_for_another(count):
         "both on the rows": 0.6,
     }
     assert all(figures[kind]["right"] >= share * count // 6 for kind, share in least.items())
+
+
+def test_dots_of_something_else_are_refused() -> None:
+    rng = np.random.default_rng(9)
+    for _ in range(2):
+        reason(rng.uniform([0.0, 0.0], [1024.0, 768.0], (130, 2)))
+    rows = np.arange(13)
+    grid = Target("grid", np.delete(DELTALAB_TARGET.dots, rows, axis=0), DELTALAB_TARGET.radius)
+    full = np.stack(np.meshgrid(np.arange(12.0), np.arange(11.0)), axis=-1).reshape(-1, 2)
+    regular = Target("regular", 30.0 * (full - 5.5), 6.0)
+    pose = one(facing_poses(rng, 1), 0)
+    for other in (grid, regular, SMALL):
+        reason(predicted_centers(other, DELTALAB_CAMERA, pose))

@@ -15,6 +15,11 @@ from cpcal.vision.projection import predicted_centers
 from cpcal.vision.target import DELTALAB_TARGET
 
 
+def some(quick, *others):
+    """The others nightly."""
+    return pytest.mark.parametrize("name", [quick, *(pytest.param(name, marks=pytest.mark.nightly) for name in others)])
+
+
 @pytest.mark.parametrize(
     ("numbers", "bend"), [([9.0, 9.0, 0.0, 0.0], 0.0), ([0.0, 0.0, 3.0, 0.0], 0.0), ([0.0, 0.0, 0.0, 0.0], 0.2)]
 )
@@ -60,3 +65,19 @@ def test_a_bent_plates_pose_is_doubtful_and_its_deviations_hold_what_the_residua
     figures = measured(CONDITIONS["bent by 0.2 mm"], 3, 5)
     assert figures["doubtful"] == 3
     assert figures["NEES/6"] < 5.0  # 60 if dots were taken to be off each by itself
+
+
+@some("clutter: texture and discs", "clutter: texture")
+def test_a_plate_is_found_among_many_more_specks_than_dots(name):
+    figures = measured(CONDITIONS[name], 3, 6)
+    assert figures["found"] == 3
+    assert figures["wrong"] == 0
+    assert figures["NEES/6"] < 2.2
+
+
+@some("shadow, 15 px soft", "shadow, 40 px soft", "motion, 3 px", "motion, 6 px")
+def test_a_shadows_edge_and_motion_leave_poses_as_good_as_stated(name):
+    figures = measured(CONDITIONS[name], 3, 5)
+    assert figures["found"] == 3
+    assert figures["doubtful"] == 0
+    assert 0.3 < figures["NEES/6"] < 2.2  # 18 degrees of freedom

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cpcal.checker import Refused, check
+from cpcal.checker import Refused, Unusable, check
 from cpcal.checker.files import Budget
 from cpcal.files.folders import NAME
 
@@ -118,3 +118,9 @@ def test_an_enclosure_that_leaves_out_the_objective(verdict: Any, exact_proof: A
     lines[1]["enclosure"]["lo"][7] = lines[1]["cap"]
     with pytest.raises(Refused, match="reaches out"):
         verdict(lines, exact_proof.folder)
+
+
+def test_no_campaign(verdict: Any, exact_proof: Any, tmp_path: Path) -> None:
+    for folder in (tmp_path / "nowhere", None):
+        with pytest.raises(Unusable, match="cannot be read"):
+            verdict(exact_proof.lines, folder)

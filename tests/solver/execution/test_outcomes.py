@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
+from cpcal.common.errors import InputError
 from cpcal.solver.execution.executors import Here, LostWorkerError, Processes, executor_for, outcomes
 from cpcal.solver.execution.stopping import Reason, also_asked_by, asked, heard
 
@@ -193,3 +194,8 @@ def test_processes_are_not_signalled_with_us():
         os.kill(pid, signal.SIGINT)
         os.kill(pid, signal.SIGTERM)
         assert pool.submit(squared, 3).result() == 9
+
+
+def test_two_places_are_refused():
+    with pytest.raises(InputError, match="both given"), executor_for(workers=2, scheduler="tcp://127.0.0.1:1"):
+        pass

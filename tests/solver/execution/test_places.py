@@ -13,6 +13,7 @@ import cpcal
 from cpcal.cli import verify
 from cpcal.common.errors import InputError
 from cpcal.solver.execution import executors
+from cpcal.solver.execution.executors import executor_for
 
 OPTIONS = {"legs": [2, 3], "delta": 200.0, "support": "none"}
 
@@ -90,3 +91,9 @@ def test_a_worker_that_is_asked_to_stop_while_its_pipe_is_closed_takes_no_harm(m
     there.close()
     worker.ask_to_stop()
     here.close()
+
+
+def test_a_cluster_that_is_not_there_is_an_error_that_says_what_to_start(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"pip install 'cpcal\[distributed\]'"), executor_for(scheduler="tcp://x:1"):
+        pass

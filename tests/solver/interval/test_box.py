@@ -103,3 +103,15 @@ def test_set_algebra_is_that_of_the_components(a: Box, b: Box) -> None:
     assert a.subset(b) == (a & b == a)
     assert a | Box.empty(NAMES) == a
     assert (a & Box.empty(NAMES)).is_empty
+
+
+def test_text_of_few_and_many_variables() -> None:
+    assert repr(Box.from_dict({"x": (0, 1.5)})) == "Box.from_dict({'x': (0, 1.5)})"
+    assert str(unit()) == "x in [0, 1], y in [2, 3], z in [4, 4]"
+    assert str(Box.empty(["x", "y"])) == "empty box of x, y"
+    assert repr(Box.empty(["x"])) == "Box.empty(['x'])"
+    leg = Box.from_dict(dict.fromkeys(("ax", "ay", "az", "bx", "by", "bz", "l"), (-1, 1)))
+    assert str(leg).splitlines()[5:] == ["bz in [-1, 1]", "l  in [-1, 1]"]
+    assert len(repr(leg).splitlines()) == 9
+    assert eval(repr(leg)) == leg
+    assert max(map(len, repr(leg).splitlines())) < 60

@@ -9,6 +9,7 @@ import pytest
 from contractors import HC4, Lifted
 from cpcal.common.errors import ModelError
 from cpcal.solver.interval import Interval
+from cpcal.solver.interval.box import component_names
 from cpcal.solver.network import ConstraintNetwork, norm
 
 
@@ -100,3 +101,13 @@ INDICES += [(slice(None), 1), (..., [0, 0]), (1, slice(2)), ([0, 1], [1, 0]), (N
 
 SHAPES = [((3,), (3,)), ((2, 3), (3,)), ((3,), (3, 4)), ((2, 3), (3, 4)), ((5, 2, 3), (3,)), ((5, 2, 3), (5, 3, 4))]
 SHAPES += [((2, 3), (5, 3, 4)), ((1, 2, 3), (6, 3, 4)), ((3,), (5, 3, 2))]
+
+
+def test_names_of_components(net: ConstraintNetwork) -> None:
+    x, y = net.variable("x", (2, 2), (0, 1)), net.variable("y")
+    assert net.names == ("x[0,0]", "x[0,1]", "x[1,0]", "x[1,1]", "y")
+    assert net.component(x[1, 0]) == "x[1,0]"
+    assert net.component(y) == "y"
+    assert component_names(y) == ("y",)
+    assert not net.domain.is_bounded
+    assert repr(net).endswith("5 unknowns, 0 constraints>")

@@ -9,7 +9,7 @@ import cpcal
 from cpcal import Network, Verdict
 from cpcal.common.errors import ModelError
 from cpcal.solver.existence import prove_unique
-from cpcal.solver.interval import Interval
+from cpcal.solver.interval import Interval, IntervalArray
 
 BOTH = ["hc4", "newton"]
 
@@ -83,3 +83,14 @@ def test_expressions_constraints_and_networks_print_as_mathematics() -> None:
     for _ in range(3000):
         long = long + y
     assert len(str(long)) < 1000
+
+
+def test_boxes_are_asked_by_variables() -> None:
+    net = Network()
+    x, y = net.variable("x", (2, 2), (-1, 1)), net.variable("y", domain=(0, 3))
+    assert net.domain[y] == Interval(0, 3)
+    found = net.domain[x]
+    assert isinstance(found, IntervalArray)
+    assert found.hi.tolist() == [[1, 1], [1, 1]]
+    with pytest.raises(ModelError, match="not for"):
+        net.domain[x + 1]

@@ -257,3 +257,12 @@ def test_names_are_one_printable_line(name: Any) -> None:
     for build in (lambda: Network().variable(name), lambda: Box([name], [0], [1])):
         with pytest.raises(ModelError, match="is no name"):
             build()
+
+
+def test_a_network_without_variables_answers_nothing() -> None:
+    net = Network("bare")
+    net.add(net.constant(1.0) <= 2.0)
+    other, x = model()
+    for ask in (net.solve, net.contract, lambda: net.minimize(x)):
+        refused(ask, "'bare' has no variables")  # type: ignore[arg-type]
+    assert other.names == ("x",)

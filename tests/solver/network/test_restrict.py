@@ -1,13 +1,31 @@
 """A network with some of its measurements is the same network for those, and loses no solution."""
 
+from typing import Any
+
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from contractors import Lifted, lifted
+from cpcal.solver.contract import Contractor
 from cpcal.solver.interval import Interval, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, Expr, Tape, maximum, norm, sqr
 from cpcal.solver.network.network import restricted
 from cpcal.solver.network.rows import Rows
+from cpcal.solver.testing import CONFORMANCE
+
+
+def frugal(network: ConstraintNetwork, **options: Any) -> Contractor:
+    return Lifted(network, **options)
+
+
+def few_rows(monkeypatch: pytest.MonkeyPatch, telling: int) -> None:
+    monkeypatch.setattr(lifted, "_MANY", 0)
+    monkeypatch.setattr(lifted, "_MANY_EACH", 0)
+    monkeypatch.setattr(lifted, "_TELLING", telling)
+    monkeypatch.setattr(lifted, "_ENCLOSING", telling)
+
 
 N = 6
 
@@ -71,3 +89,10 @@ def test_telling_elements_are_the_worst_and_some_of_everywhere() -> None:
     worst = np.argsort(values)
     assert set(worst[:20]) | set(worst[-20:]) <= set(chosen)
     assert np.diff(chosen).max() < 200
+
+
+@pytest.mark.parametrize("telling", [1, 3])
+@pytest.mark.parametrize("check", ["keeps_solutions", "leaves_a_part", "is_repeatable"])
+def test_lifted_on_few_telling_rows_conforms(check: str, telling: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    few_rows(monkeypatch, telling)
+    CONFORMANCE[check](frugal)

@@ -8,8 +8,9 @@ import pytest
 from contractors import HC4, Lifted
 from cpcal import Interval, Limits, Network, Verdict, maximum, norm
 from cpcal.common.errors import ModelError
+from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.bound import Bracket, Minimum, minimize, status_of
-from cpcal.solver.optimize.local import Incumbent
+from cpcal.solver.optimize.local import Incumbent, fit, fit_of_many
 from cpcal.solver.optimize.witness import Prepared, Witness
 
 Problem = tuple[Network, str, float]
@@ -205,3 +206,18 @@ def test_only_the_gap_that_was_asked_for_closes_a_bracket(lo, floor, undecided, 
     incumbent.witness = None
     for left, at, what in ((0, np.inf, Verdict.REFUTED), (1, np.inf, Verdict.UNKNOWN), (1, lo, Verdict.UNKNOWN)):
         assert status_of(Bracket(at, np.inf, 1, 1, 0.0), incumbent, left, 0.0)[0] is what
+
+
+def test_a_fit_of_many_measurements_is_that_of_all_of_them() -> None:
+    rng = np.random.default_rng(3)
+    t = rng.uniform(-1.0, 1.0, 3000)
+    values = t**2 + rng.uniform(-0.01, 0.01, 3000)
+    net = Network()
+    a, e = net.variable("a", 3, ([-5.0] * 3, [5.0] * 3)), net.variable("e", (), (0.0, 10.0))
+    net.add((a[0] + a[1] * t + a[2] * t**2 - values).within((-e, e)))
+    rows, start = Rows(net), np.array([0.0, 0.0, 0.0, 0.0])
+    of_all = fit(rows, 3, net.domain, start)
+    of_some = fit_of_many(net, rows, 3, start)
+    np.testing.assert_allclose(of_some, of_all, atol=1e-9)
+    easy = np.array([0.0, 0.0, 0.0, 9.0])  # no measurement is violated there
+    np.testing.assert_array_equal(fit_of_many(net, rows, 3, easy), easy)
