@@ -7,11 +7,10 @@ import pytest
 
 from cpcal.common.values import Floats
 from cpcal.robot import Pose, quaternion_conjugate, quaternion_from_rotation_vector, quaternion_product, rotation_vector
-from cpcal.vision.boards import DEVIATION
 from cpcal.vision.calibrate import calibrate_from_images
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.target_print import dark_squares
-from cpcal.vision.measure import NotMeasured, measure_pose
+from cpcal.vision.measure import DEVIATION, NotMeasured, measure_pose
 from cpcal.vision.opencv import Grey, opencv
 from cpcal.vision.pose import estimate_pose
 from cpcal.vision.render import Scene, exposed, overlay, render
