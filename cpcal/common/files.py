@@ -139,13 +139,14 @@ def small_file(path: Path, absent: str, *, most: int = SETTINGS_MAX) -> bytes:
     """The bytes of a file. Raises InputError; `absent` is the remedy when there is no such file."""
     try:
         with open_regular(path) as file:
-            content = file.read(min(os.fstat(file.fileno()).st_size, most) + 1)
+            size = os.fstat(file.fileno()).st_size
+            content = file.read(size + 1) if size <= most else b""  # what is too large is not read
     except FileNotFoundError:
         raise unusable(str(path), "does not exist", absent) from None
     except OSError as error:
         what = f"cannot be read: {error.strerror or error}"
         raise unusable(str(path), what, "give a file that can be read") from None
-    if len(content) > most:
+    if max(size, len(content)) > most:
         raise unusable(str(path), f"is larger than {most:,} bytes", "is this the right file?")
     return content
 

@@ -7,6 +7,7 @@ import pytest
 
 pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
 
+from cpcal.common.errors import InputError
 from cpcal.vision.files.image_file import UnreadableImageError, image_files, image_path, read_image
 from cpcal.vision.opencv import opencv
 
@@ -43,8 +44,8 @@ def test_what_is_no_image_has_a_reason(tmp_path):
             (tmp_path / name).write_bytes(content)
         with pytest.raises(UnreadableImageError, match=reason) as caught:
             read_image(tmp_path / name)
-        assert str(tmp_path) not in str(caught.value)
-    with pytest.raises(UnreadableImageError, match="No such file"):
+        assert "0x" not in str(caught.value)
+    with pytest.raises(InputError, match="does not exist"):
         read_image(tmp_path / "absent.png")
 
 

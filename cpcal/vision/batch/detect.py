@@ -11,7 +11,7 @@ import hashlib
 import json
 import math
 import multiprocessing
-import stat
+import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -25,10 +25,11 @@ import numpy as np
 from cpcal.common.codec import decoded, encoded
 from cpcal.common.documents import csv_table
 from cpcal.common.errors import unusable
-from cpcal.common.files import write_file
+from cpcal.common.files import small_file, write_file
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
 from cpcal.robot import Pose
+from cpcal.robot.units import AXES, POSE, SHARED_COLUMNS
 from cpcal.solver.execution.executors import Processes, executor_for, linear_algebra_on_one_thread, outcomes, while_used
 from cpcal.solver.execution.stopping import Reason, Stopped, asked, heard
 from cpcal.vision.camera import Camera
@@ -121,20 +122,10 @@ def journal_of(
         return
     of = hashlib.sha256(target_bytes(target) + camera_bytes(camera) + repr(first_row).encode()).hexdigest()
     head = json.dumps({"format": FORMAT, "version": __version__, "of": of})
-    text, none = "", unusable(str(path), "is not a journal of `cpcal image detect`", "choose another file")
-    try:  # what can be none is not read
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode) or status.st_size > SIZE_MAX:
-            raise none
-        text = path.read_text(encoding="utf-8", errors="surrogateescape")
-    except FileNotFoundError:
-        pass
-    except OSError as error:
-        what = f"cannot be read: {error.strerror or error}"
-        raise unusable(str(path), what, "give a file that can be read") from None
-    first, *rest = text.split("\n")
+    content = small_file(path, "choose another file", most=SIZE_MAX) if os.path.exists(path) else b""
+    first, *rest = content.decode(errors="surrogateescape").splitlines() or [""]
     if first and not first.startswith(head[: head.index("/")]):
-        raise none
+        raise unusable(str(path), "is not a journal of `cpcal image detect`", "choose another file")
     for line in rest if first == head else ():
         try:
             data = json.loads(line)
@@ -276,13 +267,7 @@ def detection(name: str, found: MeasuredImage) -> Detection:
 # What was found in images, and the table of it: poses.csv.
 
 POSITION, QUATERNION, SIGMA, SHARED = slice(0, 3), slice(3, 7), slice(7, 13), slice(13, 19)
-_AXES = ("x", "y", "z", "rx", "ry", "rz")
-NUMBERS = (
-    *("x", "y", "z", "qw", "qx", "qy", "qz"),
-    *(f"s{axis}" for axis in _AXES),
-    *(f"shared_s{axis}" for axis in _AXES),
-    *("rms", "scale", "missing", "false", "margin"),
-)
+NUMBERS = (*POSE, *(f"s{axis}" for axis in AXES), *SHARED_COLUMNS, "rms", "scale", "missing", "false", "margin")
 RMS, SCALE = NUMBERS.index("rms"), NUMBERS.index("scale")
 COLUMNS = ("file", "dots", *NUMBERS, "doubt", "reason")
 
@@ -341,7 +326,7 @@ def hinted(text: str | None) -> str | Pose:
     try:
         with Path(text).open(newline="", encoding="utf-8") as file:
             row = next(row for row in csv.DictReader(file) if row["qw"])
-        return Pose(*(np.array([float(row[name]) for name in names.split()]) for names in ("x y z", "qw qx qy qz")))
+        return Pose(*np.split(np.array([float(row[name]) for name in POSE]), [3]))
     except (OSError, ValueError, KeyError, StopIteration):
         remedy = f"give one of {', '.join(SIDES)}, or a poses.csv with a pose"
         raise unusable("option --first-row", f"is {text!r:.80}", remedy) from None

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
-import stat
 import warnings
 from pathlib import Path
 
 import numpy as np
 
 from cpcal.common.errors import CpcalError
+from cpcal.common.files import small_file
 from cpcal.vision.opencv import Grey, opencv
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
@@ -45,28 +46,19 @@ def read_image(path: Path, size: tuple[int, int] | None = None) -> Grey:
     """The image (height, width) or (height, width, 3), blue first; `size` (width, height), where given, is the only one
     that is accepted. What is too large, or of another size, is refused before it is decoded.
 
-    Raises UnreadableImageError, MissingExtraError.
+    Raises InputError for a file that cannot be read, UnreadableImageError for what is no image, MissingExtraError.
     """
     cv2 = opencv()
-    try:  # before anything is opened: a pipe would wait for ever, a device would never end
-        status = path.stat()
-    except OSError as error:
-        raise UnreadableImageError(f"cannot be read: {_first_line(error)}") from None
-    if not stat.S_ISREG(status.st_mode):
-        raise UnreadableImageError("is no regular file")
-    if not status.st_size:
+    content = small_file(path, "give an image", most=BYTES_MAX)
+    if not content:
         raise UnreadableImageError("is empty")
-    if status.st_size > BYTES_MAX:
-        raise UnreadableImageError(f"is a file of {status.st_size:,} bytes, more than {BYTES_MAX:,}")
-    _check_header(path, size)
+    _check_header(content, size)
+    if any(content.startswith(begin) and end not in content[-_TAIL:] for begin, end in _ENDS):
+        # OpenCV fills up what is missing, and says nothing
+        raise UnreadableImageError("is truncated: the end of the file is missing")
     try:
-        content = np.fromfile(path, dtype=np.uint8)
-        read = content.tobytes()
-        if any(read.startswith(begin) and end not in read[-_TAIL:] for begin, end in _ENDS):
-            # OpenCV fills up what is missing, and says nothing
-            raise UnreadableImageError("is truncated: the end of the file is missing")
-        image = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
-    except (OSError, cv2.error, MemoryError) as error:
+        image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+    except (cv2.error, MemoryError) as error:
         raise UnreadableImageError(f"cannot be read: {_first_line(error)}") from None
     if image is None:
         raise UnreadableImageError("cannot be decoded: truncated, or no image")
@@ -75,14 +67,14 @@ def read_image(path: Path, size: tuple[int, int] | None = None) -> Grey:
     return image[..., :3] if image.ndim == 3 else np.asarray(image)
 
 
-def _check_header(path: Path, size: tuple[int, int] | None) -> None:
+def _check_header(content: bytes, size: tuple[int, int] | None) -> None:
     """Before anything is decoded: a small file may claim to hold a huge image. A truncated one is refused."""
     from PIL import Image
 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Pillow warns of large images, and of odd metadata
-            with Image.open(path, formats=("PNG", "JPEG", "TIFF")) as header:
+            with Image.open(io.BytesIO(content), formats=("PNG", "JPEG", "TIFF")) as header:
                 (width, height), bands = header.size, len(header.getbands())
                 # of a pixel, at most: Pillow does not tell 16 bits of a colour from 8
                 deep = 4 if header.mode in ("I", "F") else 1 if header.format == "JPEG" else 2
@@ -103,6 +95,6 @@ def _check_header(path: Path, size: tuple[int, int] | None) -> None:
 
 
 def _first_line(error: BaseException) -> str:
-    """Without the file's path, so that the same image has the same reason wherever it is."""
-    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error).partition(" '")[0]
+    """Without the place in memory that Pillow names, so that the same image has the same reason always."""
+    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error).partition(" <")[0]
     return (text or type(error).__name__).splitlines()[0][:200]
