@@ -66,8 +66,10 @@ from cpcal.robot import (
     Pose,
     Robot,
     Uncertainty,
+    compose,
     distances,
     forward_kinematics,
+    inverse,
     quaternion_from_rotation_vector,
     quaternion_product,
     rotation_matrix,
@@ -115,7 +117,7 @@ def _studied(options: dict[str, float], count: int, more: int = 0) -> tuple[Camp
         return length + bump * np.sin(np.pi * length / STROKE[1])
 
     for table in (study.calibration, study.validation)[: 1 + bool(more)]:
-        seen = truth.mobile_in_base(table)
+        seen = compose(compose(inverse(truth.camera), table.seen), inverse(truth.target))
         arrays = (study.robot, seen.position, seen.quaternion, bent(table.length))
         parts.append(averaged(Campaign.of(*arrays, pose=table.pose, run=table.run, exact=True), of="mean"))
     stream = np.random.default_rng(7)

@@ -7,7 +7,18 @@ import numpy as np
 
 from cpcal.common.values import Floats
 from cpcal.questions import LegBracket, LegResult, Work
-from cpcal.robot import PoseTable, Study, compose, normalised, pose_jacobian, quaternion_product, small_rotation
+from cpcal.robot import (
+    Pose,
+    PoseTable,
+    Study,
+    Truth,
+    compose,
+    inverse,
+    normalised,
+    pose_jacobian,
+    quaternion_product,
+    small_rotation,
+)
 from cpcal.simulate.campaigns import streams
 
 
@@ -71,6 +82,11 @@ def with_pose_noise(study: Study, root: Floats, *, seed: int = 0) -> Study:
     return _each(study, noisier, seed)
 
 
+def mobile_in_base(truth: Truth, table: PoseTable) -> Pose:
+    """The poses of the mobile frame in the base frame that the table's poses mean."""
+    return compose(compose(inverse(truth.camera), table.seen), inverse(truth.target))
+
+
 def with_robot_scatter(study: Study, sigma: float, *, seed: int = 0) -> Study:
     """The legs come back to within `sigma` mm only (standard deviation); camera and sensors both see where to."""
     truth = study.truth
@@ -80,7 +96,7 @@ def with_robot_scatter(study: Study, sigma: float, *, seed: int = 0) -> Study:
         runs = {key: k for k, key in enumerate(dict.fromkeys(zip(table.pose, table.run, strict=True)))}
         draw = stream.standard_normal((len(runs), table.legs))  # the same for all images of a run
         longer = sigma * draw[[runs[key] for key in zip(table.pose, table.run, strict=True)]]
-        poses = truth.mobile_in_base(table)
+        poses = mobile_in_base(truth, table)
         poses = poses.moved(np.linalg.solve(pose_jacobian(truth.robot, poses), longer[..., None])[..., 0])
         seen = compose(compose(truth.camera, poses), truth.target)
         return replace(table, position=seen.position, quaternion=seen.quaternion, length=table.length + longer)

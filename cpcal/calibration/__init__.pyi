@@ -1,4 +1,4 @@
-from .fit import Noise, fit
+from .fit import Noise, Validation, fit, pose_errors, validate
 from .frames import nearest_motion, on_drawing, redefined
 from .statistics import (
     as_campaign,
@@ -10,7 +10,6 @@ from .statistics import (
     repeatability,
     screen,
 )
-from .validation import Validation, pose_errors, validate
 
 __all__ = [
     "Noise",

@@ -27,8 +27,7 @@ from cpcal.robot import (
     Uncertainty,
     turn_between,
 )
-
-POSE_CHANNELS = ("x", "y", "z", "rx", "ry", "rz")  # mm and rad
+from cpcal.robot.units import AXES, leg_columns
 
 
 class Deviations(NamedTuple):
@@ -79,7 +78,7 @@ def campaign_deviations(campaign: Campaign) -> Deviations:
     group, names = grouped(campaign.pose)
     mean = mean_rotations(campaign.quaternion, group, len(names))[group]
     turned = turn_between(campaign.quaternion, mean)
-    channels = (*POSE_CHANNELS, *(f"L{leg}" for leg in range(1, campaign.legs + 1)))
+    channels = (*AXES, *leg_columns(campaign.legs))
     table = np.concatenate([campaign.position, turned, campaign.length], axis=1)
     return deviations(campaign.pose, table, channels, campaign.measurement_ids)
 
@@ -489,14 +488,15 @@ def study_rows(table: PoseTable, robot: Robot, provenance: Mapping[str, str] | N
         if table.image is None or not has_runs:
             screening = screen(spread)
         else:  # poses row by row; leg readings run by run, as all images of a run hold the same ones
-            legs = scores(campaign_deviations(_run_means(rows, runs)))[_by_run(rows, runs)][:, 6:]
+            of_runs, group = _run_means(rows, runs)
+            legs = scores(campaign_deviations(of_runs))[group][:, 6:]
             screening = screen(spread, np.concatenate([scores(spread)[:, :6], legs], axis=1))
     keep = np.ones(len(rows), dtype=np.bool_) if screening is None else screening.keep
     good = rows.rows(keep)
-    averages = _run_means(good, runs[keep])
+    averages, group = _run_means(good, runs[keep])
     shared = None
     if table.shared is not None:  # a mean of images has all of what they share: root mean squares over each run
-        shared = np.sqrt(group_means(table.shared[keep] ** 2, _by_run(good, runs[keep]), len(averages)))
+        shared = np.sqrt(group_means(table.shared[keep] ** 2, group, len(averages)))
     return StudyRows(screening, good, averages, shared)
 
 
@@ -515,17 +515,12 @@ def as_campaign(table: PoseTable, robot: Robot, provenance: Mapping[str, str] | 
     )
 
 
-def _by_run(rows: Campaign, runs: npt.NDArray[np.str_]) -> Ints:
-    """(N,) which pose and run each row is of, in the order of their first rows."""
-    return grouped(list(zip(rows.pose, runs.tolist(), strict=True)), repeated=False)[0]
-
-
-def _run_means(rows: Campaign, runs: npt.NDArray[np.str_]) -> Campaign:
-    group = _by_run(rows, runs)
+def _run_means(rows: Campaign, runs: npt.NDArray[np.str_]) -> tuple[Campaign, Ints]:
+    """The means over each pose and run, in the order of their first rows; and (N,) which of them each row is of."""
+    group, _ = grouped(list(zip(rows.pose, runs.tolist(), strict=True)), repeated=False)
     first = np.unique(group, return_index=True)[1]
     names = tuple(runs[first].tolist())
     if len(first) == len(rows):
-        return replace(rows, run=names)
-    pose = [rows.pose[k] for k in first]
-    of_means = means(rows, group, len(first))
-    return Campaign.of(rows.robot, *of_means, pose=pose, run=names, exact=True, provenance=rows.provenance)
+        return replace(rows, run=names), group
+    pose, of_means = [rows.pose[k] for k in first], means(rows, group, len(first))
+    return Campaign.of(rows.robot, *of_means, pose=pose, run=names, exact=True, provenance=rows.provenance), group

@@ -27,7 +27,7 @@ from cpcal.robot import ROBOTS, Campaign, known_robot, rotation_vector
 from cpcal.robot.campaign import Given
 from cpcal.robot.mistakes import mixed_up, spread_of
 from cpcal.robot.robot import KINDS
-from cpcal.robot.units import ANGLES, LENGTHS, column_map
+from cpcal.robot.units import ANGLES, AXES, LENGTHS, column_map, leg_columns
 from cpcal.simulate import simulate as simulate_campaign
 from cpcal.simulate import simulate_study
 
@@ -170,7 +170,7 @@ def _preview(talk: Talk, campaign: Campaign) -> str | None:
     numbers = np.column_stack([*parts, off]).tolist()
     names = campaign.measurement_ids[some]
     rows = [(name, *(nearest(value, 2) for value in row)) for name, row in zip(names, numbers, strict=True)]
-    head = ("pose/run", "x", "y", "z", "rx", "ry", "rz", *(f"L{i}" for i in range(1, shown + 1)), "off")
+    head = ("pose/run", *AXES, *leg_columns(shown), "off")
     talk.table(head, rows, left=())
     talk.say(_off(np.median(given.off, axis=0).tolist()))
     mistake = mixed_up(campaign, spread_of(campaign))

@@ -34,6 +34,7 @@ from cpcal.questions import (
 from cpcal.questions.data_check import determination
 from cpcal.report.words import notices, overall
 from cpcal.robot import Campaign
+from cpcal.robot.units import AXES, POSE
 from cpcal.solver.contract import Verdict
 
 if TYPE_CHECKING:
@@ -160,7 +161,7 @@ def of_accuracy(folder: Path) -> Iterator[Statement]:
 # Pose sets, from their pixels on.
 
 TABLE = "sets.csv"
-NUMBERS = ("x", "y", "z", "qw", "qx", "qy", "qz", "dx", "dy", "dz", "drx", "dry", "drz")  # of it
+NUMBERS = (*POSE, *(f"d{axis}" for axis in AXES))  # of it
 
 
 def of_pose_sets(target: Path) -> Iterator[Statement]:

@@ -26,11 +26,11 @@ from cpcal.files.settings import (
     read_study_settings,
     toml_bytes,
 )
-from cpcal.files.tables import QUATERNION, Table, read_table
+from cpcal.files.tables import Table, read_table
 from cpcal.robot import Campaign, PoseTable, Robot, Study
 from cpcal.robot.campaign import ARRAYS
 from cpcal.robot.robot import KINDS, Uncertainty
-from cpcal.robot.units import SHARED_COLUMNS, ModelChoice, override_columns
+from cpcal.robot.units import SHARED_COLUMNS, ModelChoice, override_columns, reading_columns
 
 _ABSENT = "a campaign is a folder with the two files campaign.toml and measurements.csv"
 
@@ -67,18 +67,21 @@ def campaign_of_table(table: Table, settings: Settings) -> Campaign:
         if name in table.values:
             own = ~np.isnan(table.values[name])
             radii[own, column] = table.values[name][own]
+    numbers = np.concatenate([table.columns(*reading_columns(robot.legs)[2:]), radii], axis=1)
     return Campaign(
         robot,
         tuple(table.names["pose"]),
         tuple(table.names["run"]),
-        *_readings(table, robot.legs),
-        radii[:, :3],
-        radii[:, 3:6],
-        radii[:, 6:],
+        **_arrays(numbers, robot.legs),
         uncertainty=stated,
         provenance=settings.provenance,
         model=settings.model,
     )
+
+
+def _arrays(numbers: Floats, legs: int) -> dict[str, Any]:
+    """`ARRAYS` of a campaign, which stand side by side in (N, 13 + 2 n) numbers."""
+    return dict(zip(ARRAYS, np.split(numbers, np.cumsum([3, 4, legs, 3, 3]), axis=1), strict=True))
 
 
 def _existing(path: str | os.PathLike[str], absent: str, see: str = "") -> Path:
@@ -97,12 +100,6 @@ def load_settings(path: str | os.PathLike[str]) -> Settings:
     settings = read_settings(file, problems, _ABSENT)
     problems.raise_any(YOUR_DATA)
     return settings
-
-
-def _readings(table: Table, legs: int) -> tuple[Floats, Floats, Floats]:
-    """Positions (N, 3), quaternions (N, 4) and leg readings (N, n)."""
-    lengths = table.columns(*(f"L{i}" for i in range(1, legs + 1)))
-    return table.columns(*"xyz"), table.columns(*QUATERNION), lengths
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -185,7 +182,6 @@ def _campaign(data: dict[str, Any]) -> Campaign:
     robot, stated, asked = Robot(**data["robot"]), data["uncertainty"], data["model"]
     rows: list[list[str]] = data["measurements"]
     numbers = np.array([[float(v) for v in row[2:]] for row in rows], dtype=np.float64).reshape(len(rows), -1)
-    ends = np.cumsum([3, 4, robot.legs, 3, 3])
     if stated is not None and stated["factor"] is not None:
         stated["factor"] = float(stated["factor"])
     campaign = Campaign(
@@ -195,7 +191,7 @@ def _campaign(data: dict[str, Any]) -> Campaign:
         uncertainty=stated and Uncertainty(**stated),
         provenance=data["provenance"],
         model=asked and ModelChoice(**asked),
-        **dict(zip(ARRAYS, np.split(numbers, ends, axis=1), strict=True)),
+        **_arrays(numbers, robot.legs),
     )
     fill(campaign, files=tuple((file["name"], file["sha256"]) for file in data["files"]))
     return campaign
@@ -244,5 +240,6 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     for found in tables:
         pose, run, *image = (tuple(found.names[name]) for name in ("pose", "run", "image") if name in found.names)
         shared = found.columns(*SHARED_COLUMNS) if SHARED_COLUMNS[0] in found.values else None
-        poses.append(PoseTable(pose, run, *_readings(found, robot.legs), image[0] if image else None, shared))
+        position, quaternion, length = np.split(found.columns(*reading_columns(robot.legs)[2:]), [3, 7], axis=1)
+        poses.append(PoseTable(pose, run, position, quaternion, length, image[0] if image else None, shared))
     return Study(robot, poses[0], poses[1], settings.truth, settings.provenance)

@@ -42,6 +42,7 @@ from cpcal.robot.units import (
     RotationForm,
     column_map,
     columns_by_name,
+    leg_columns,
     override_columns,
     units_of,
 )
@@ -55,8 +56,10 @@ _LOOKED_AT = 2_000  # lines, to guess from
 
 @dataclass(frozen=True)
 class Log:
-    """A table of text cells. `header` is empty where there is none; `lines` are those of the rows, from 1.
+    """A table of text cells.
 
+    header   the names of its columns, or their numbers from #1
+    lines    those of the rows, from 1
     decimal  the sign that was guessed
     """
 
@@ -65,11 +68,6 @@ class Log:
     rows: tuple[tuple[str, ...], ...]
     lines: tuple[int, ...]
     decimal: str
-
-    @property
-    def titles(self) -> tuple[str, ...]:
-        """The header, or numbers from #1."""
-        return self.header or tuple(f"#{i}" for i in range(1, len(self.rows[0]) + 1))
 
 
 def frame_log(frame: Any) -> Log:
@@ -149,7 +147,7 @@ def _header(lines: list[str], before: int, width: int, mark: str, sign: str) -> 
         units = all(_UNITS.fullmatch(cell) for cell in cells)
         if len(cells) == width and not units and not _numbers(cells, sign):
             return tuple(cells)
-    return ()
+    return tuple(f"#{number}" for number in range(1, width + 1))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -213,7 +211,7 @@ def _mapped(
     Raises InputError for columns that are not there, and units that cannot be; and with the columns and a proposal.
     """
     form = None if rotation is None else RotationForm.named(rotation)
-    needed, widths, problems = [*"xyz", *(f"L{leg}" for leg in range(1, legs + 1))], override_columns(legs), Problems()
+    needed, widths, problems = [*"xyz", *leg_columns(legs)], override_columns(legs), Problems()
     if columns:
         found = column_map(columns, ["pose", "run", *needed, *_TURNS, *widths])
         if form is None and found.keys().isdisjoint(("r1", "rx")):
@@ -266,7 +264,7 @@ def _table(log: Log, found: Mapping[str, ColumnSource], form: RotationForm) -> T
     line."""
     table, problems, number = Table(), Problems(), NUMBERS[log.decimal]
     for target, source in found.items():
-        place, units, texts = source.place(log.titles), units_of(target), list[str]()
+        place, units, texts = source.place(log.header), units_of(target), list[str]()
         assert place is not None  # who found it raised otherwise
         if target in ("pose", "run"):
             table.names[target] = [row[place] for row in log.rows]
@@ -313,7 +311,7 @@ def campaign_of_log(
     is no number, by its line.
     """
     assert settings.robot is not None  # what keeps it from being read was raised
-    found, form = _mapped(columns, log.titles, settings.robot.legs, rotation)
+    found, form = _mapped(columns, log.header, settings.robot.legs, rotation)
     table = _table(log, found, form)
     table.values |= zip(QUATERNION, _quaternions(log, form, table).T, strict=True)
     pose = table.names.setdefault("pose", [f"p{row}" for row in range(1, len(log.rows) + 1)])
@@ -342,11 +340,11 @@ def poses_of_log(log: Log, rotation: str | None = None, unit: str = "") -> tuple
     lines each or one, with the translation in the last column. Raises InputError.
     """
     form = None if rotation is None else RotationForm.named(rotation)
-    if not log.header:
+    if log.header[0] == "#1":
         log = _titled(log, form)
-    found, form = columns_by_name(log.titles, 0, form)
+    found, form = columns_by_name(log.header, 0, form)
     if form is None or not {*"xyz", *form.columns} <= set(found):
-        what = f"columns do not tell which are x, y, z and the rotation; they are {listed(list(log.titles), 40)}"
+        what = f"columns do not tell which are x, y, z and the rotation; they are {listed(log.header, 40)}"
         if form is None:
             raise unusable(log.where, what, f"state --rotation: {FORMS}")
         raise unusable(log.where, what, f"call them image, x, y, z, {', '.join(form.columns)}")

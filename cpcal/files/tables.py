@@ -24,7 +24,7 @@ from cpcal.common.files import IDENTIFIER_REMEDY, is_identifier, small_file
 from cpcal.common.values import LARGEST, Floats
 from cpcal.robot import Pose, PoseTable
 from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
-from cpcal.robot.units import override_columns, reading_columns
+from cpcal.robot.units import POSE, leg_columns, override_columns, reading_columns
 
 BAD_ROWS_MAX = 1_000  # reading stops after so many
 LINE_MAX = 2**16  # bytes in a line
@@ -32,7 +32,7 @@ ROWS_MAX = 1_000_000  # measurements in a table: some 60 s and 2 GB to read and 
 TABLE_MAX = 2**30  # bytes
 
 _IDENTIFIERS = ("pose", "run", "image", "point")
-QUATERNION = ("qw", "qx", "qy", "qz")
+QUATERNION = POSE[3:]
 
 
 @dataclass
@@ -219,7 +219,7 @@ class _Reader:
 # ------------------------------------------------------------------------------------------------------------------
 # Poses to be reached, in a CSV table: pose,x,y,z,qw,qx,qy,qz.
 
-COLUMNS = ["pose", "x", "y", "z", "qw", "qx", "qy", "qz"]
+COLUMNS = ["pose", *POSE]
 _REMEDY = f"give a CSV file with the columns {','.join(COLUMNS)}, in mm"
 
 
@@ -231,7 +231,7 @@ def load_poses(path: str | os.PathLike[str]) -> tuple[tuple[str, ...], Pose]:
     names = table.names["pose"]
     if len(set(names)) < len(names):
         raise unusable(str(path), "gives a pose twice", "name each pose once")
-    return tuple(names), Pose(table.columns(*COLUMNS[1:4]), table.columns(*COLUMNS[4:]))
+    return tuple(names), Pose(table.columns(*"xyz"), table.columns(*QUATERNION))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -243,18 +243,20 @@ Readings = dict[tuple[str, str], Floats]  # (n,) mm
 def readings_bytes(table: PoseTable) -> bytes:
     """The table pose,run,L1,...,Ln in mm; floats by repr, so that they are read back bit for bit."""
     of_runs = dict(zip(zip(table.pose, table.run, strict=True), table.length.tolist(), strict=True))
-    return csv_table(_reading_columns(table.legs), ([*key, *row] for key, row in of_runs.items()))
+    return csv_table(["pose", "run", *leg_columns(table.legs)], ([*key, *row] for key, row in of_runs.items()))
 
 
 def load_readings(path: Path) -> Readings:
     """The table in a file. Raises InputError with every problem."""
-    problems = Problems()
-    remedy = "give a table pose,run,L1,...,Ln in mm"
-    table = read_table(path, None, problems, remedy, required=_reading_columns, optional=lambda _: [])
+    problems, remedy = Problems(), "give a table pose,run,L1,...,Ln in mm"
+    table = read_table(
+        path,
+        None,
+        problems,
+        remedy,
+        required=lambda legs: ["pose", "run", *leg_columns(max(legs, 1))],
+        optional=lambda _: [],
+    )
     problems.raise_any()
-    values = table.columns(*(f"L{k}" for k in range(1, len(table.values) + 1)))
+    values = table.columns(*leg_columns(len(table.values)))
     return dict(zip(zip(table.names["pose"], table.names["run"], strict=True), values, strict=True))
-
-
-def _reading_columns(legs: int) -> list[str]:
-    return ["pose", "run", *(f"L{k}" for k in range(1, max(legs, 1) + 1))]

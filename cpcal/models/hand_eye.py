@@ -33,6 +33,7 @@ from cpcal.files.tables import Table, read_table
 from cpcal.robot import Pose, compose, inverse, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
 from cpcal.robot.campaign import SIMULATION
 from cpcal.robot.kinematics import normalised
+from cpcal.robot.units import AXES, POSE
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.plate_and_camera import camera_bytes, load_camera
 
@@ -245,8 +246,8 @@ def _views(images: int, random: np.random.Generator) -> Pose:
 
 HANDEYE_FORMAT = "cpcal-handeye/1"
 HANDEYE_NAME, POSES_NAME, POINTS_NAME, CAMERA_NAME = "handeye.toml", "poses.csv", "points.csv", "camera.toml"
-POSE_COLUMNS = ["image", "x", "y", "z", "qw", "qx", "qy", "qz"]
-POSE_WIDTHS = ("dx", "dy", "dz", "drx", "dry", "drz")
+POSE_COLUMNS = ["image", *POSE]
+POSE_WIDTHS = tuple(f"d{axis}" for axis in AXES)
 POINT_COLUMNS = ["image", "point", "u", "v", "X", "Y", "Z"]
 
 _ABSENT = f"a hand-eye study is a folder with {HANDEYE_NAME}, a camera file, {POSES_NAME} and {POINTS_NAME}"

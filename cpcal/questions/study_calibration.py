@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.calibration.fit import Fit, Noise, fit
+from cpcal.calibration.fit import Fit, Noise, Validation, fit, validate
 from cpcal.calibration.frames import (
     FittedFrame,
     first_frames,
@@ -33,7 +33,6 @@ from cpcal.calibration.statistics import (
     repeatability,
     study_rows,
 )
-from cpcal.calibration.validation import Validation, validate
 from cpcal.common.codec import Document
 from cpcal.common.errors import refuse
 from cpcal.common.numbers import about

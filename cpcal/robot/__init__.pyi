@@ -1,6 +1,9 @@
 from .campaign import (
     Campaign,
     LegEquations,
+    PoseTable,
+    Study,
+    Truth,
 )
 from .kinematics import (
     KinematicsError,
@@ -35,11 +38,6 @@ from .robot import (
     Robot,
     Uncertainty,
     known_robot,
-)
-from .study import (
-    PoseTable,
-    Study,
-    Truth,
 )
 from .units import (
     ModelChoice,

@@ -140,19 +140,26 @@ def quaternion_from_euler(sequence: str, angles: Floats) -> Floats:
 # A target, "=", and the name of a column in the table, or "#" and its number from 1; in brackets its unit. A name that
 # holds a comma, a bracket or a space at an end stands in double quotes.
 
-SHARED_COLUMNS = [f"shared_s{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz")]  # of a study's tables, see PoseTable
+POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")  # mm; a unit quaternion
+AXES = ("x", "y", "z", "rx", "ry", "rz")  # mm; a rotation vector, rad
+SHARED_COLUMNS = [f"shared_s{axis}" for axis in AXES]  # of a study's tables, see PoseTable
 
 _ENTRY = re.compile(r'\s*([A-Za-z]\w*)\s*=\s*(?:"([^"]*)"|([^,\["]*?))\s*(?:\[\s*(\w*)\s*\])?\s*(?:,|$)')
 
 
+def leg_columns(legs: int) -> list[str]:
+    """Those of the readings of n legs, mm."""
+    return [f"L{leg}" for leg in range(1, legs + 1)]
+
+
 def reading_columns(legs: int) -> list[str]:
     """The columns that every measurements.csv has, for n legs."""
-    return ["pose", "run", "x", "y", "z", "qw", "qx", "qy", "qz", *(f"L{i}" for i in range(1, legs + 1))]
+    return ["pose", "run", *POSE, *leg_columns(legs)]
 
 
 def override_columns(legs: int) -> list[str]:
     """The optional columns: half-widths (mm, rad, mm) that replace those of campaign.toml row by row."""
-    return ["dx", "dy", "dz", "drx", "dry", "drz", *(f"dL{i}" for i in range(1, legs + 1))]
+    return [f"d{name}" for name in (*AXES, *leg_columns(legs))]
 
 
 class ColumnSource(NamedTuple):

@@ -13,6 +13,7 @@ from cpcal.robot import inverse_kinematics, quaternion_conjugate, quaternion_pro
 from cpcal.simulate import simulate_study
 from cpcal.simulate.campaigns import EULER_SIGMA, LENGTH_SIGMA, POSITION_SIGMA
 from cpcal.simulate.studies import mechanisms_of
+from tests.changed import mobile_in_base
 
 SMALL = {"runs": 2, "validation_runs": 2, "random_poses": 5}
 
@@ -25,7 +26,7 @@ def files(study):
 def test_a_perfect_study_satisfies_the_seven_parameter_equations_once_the_frames_are_undone(seed):
     study = simulate_study(seed=seed, noise=0.0, **SMALL)
     for table in (study.calibration, study.validation):
-        poses = study.truth.mobile_in_base(table)
+        poses = mobile_in_base(study.truth, table)
         assert_allclose(inverse_kinematics(study.truth.robot, poses), table.length, atol=1e-9)
     assert mechanisms_of(json.loads(study.provenance["options"])).perfect
 
@@ -33,7 +34,7 @@ def test_a_perfect_study_satisfies_the_seven_parameter_equations_once_the_frames
 def test_the_poses_map_target_to_camera_by_way_of_mobile_and_base():
     study = simulate_study(seed=1, noise=0.0, **SMALL)
     truth, table = study.truth, study.calibration
-    mobile = truth.mobile_in_base(table)
+    mobile = mobile_in_base(truth, table)
     x = np.array([3.0, -7.0, 11.0])  # in the target frame
     on_platform = truth.target.position + truth.target.rotation @ x
     in_base = mobile.position + mobile.rotation @ on_platform
