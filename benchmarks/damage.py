@@ -98,17 +98,10 @@ def _replaced(rng: random.Random, data: bytes, what: re.Pattern[bytes], by: Call
 
 
 MUTATIONS: dict[str, Mutation] = {
-    "bit flipped": _flip,
-    "piece cut out": _cut,
-    "end cut off": _end,
-    "text inserted": _insert,
-    "number replaced": _number,
-    "digit changed": _digit,
-    "sign changed": _sign,
-    "other number": _other_number,
-    "word replaced": _word,
-    "lines changed": _lines,
-}
+    "bit flipped": _flip, "piece cut out": _cut, "end cut off": _end, "text inserted": _insert,
+    "number replaced": _number, "digit changed": _digit, "sign changed": _sign, "other number": _other_number,
+    "word replaced": _word, "lines changed": _lines,
+}  # fmt: skip
 
 
 def mutated(rng: random.Random, data: bytes) -> tuple[str, bytes]:

@@ -118,16 +118,7 @@ def solve(folder: Path) -> None:
 
 
 RUNS: dict[str, Callable[[Path], None]] = {
-    "leg": leg,
-    "uncertain leg": uncertain_leg,
-    "undecided leg": undecided_leg,
-    "robust": robust,
-    "compare": compare,
-    "fits": fits,
-    "accuracy": accuracy,
-    "pose sets": pose_sets,
-    "solve": solve,
-    "hand-eye": hand_eye,
-    "uncertain hand-eye": uncertain_hand_eye,
-    "wrong images": wrong_images,
-}
+    "leg": leg, "uncertain leg": uncertain_leg, "undecided leg": undecided_leg, "robust": robust,
+    "compare": compare, "fits": fits, "accuracy": accuracy, "pose sets": pose_sets, "solve": solve,
+    "hand-eye": hand_eye, "uncertain hand-eye": uncertain_hand_eye, "wrong images": wrong_images,
+}  # fmt: skip

@@ -84,17 +84,9 @@ from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.local import fit as minimax_fit
 
 KINDS: tuple[dict[str, float], ...] = (  # of mechanisms
-    {"joint_error": 1.0},
-    {"joint_error": 0.2},
-    {"sag": 3.0},
-    {"sag": 1.0},
-    {"gain": 0.002},
-    {"gain": 0.005},
-    {"axis_offset": 3.0},
-    {"axis_offset": 6.0},
-    {"axis_offset": 1.0},
-    {},
-)
+    {"joint_error": 1.0}, {"joint_error": 0.2}, {"sag": 3.0}, {"sag": 1.0}, {"gain": 0.002}, {"gain": 0.005},
+    {"axis_offset": 3.0}, {"axis_offset": 6.0}, {"axis_offset": 1.0}, {},
+)  # fmt: skip
 _OTHERS = 200  # random poses that decide the true model error, besides
 _BUMP = 0.3  # mm: the error that vanishes at both ends of the stroke
 

@@ -66,14 +66,9 @@ class Cpcal:
         self, leg: Leg, campaign: cpcal.Campaign, question: TaskQuestion, folder: Path | None
     ) -> MethodAnswer:
         found: LegResult = cpcal.certify(
-            campaign,
-            legs=[leg.leg],
-            delta=leg.delta,
-            gap=question.task.value,
-            time_limit=question.limit,
-            contractors=self._contractors,
-            certificates=folder,
-        ).legs[0]
+            campaign, legs=[leg.leg], delta=leg.delta, gap=question.task.value, time_limit=question.limit,
+            contractors=self._contractors, certificates=folder,
+        ).legs[0]  # fmt: skip
         figures = {
             "lo": found.bracket.lo,
             "hi": found.bracket.hi,

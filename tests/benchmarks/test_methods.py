@@ -49,14 +49,6 @@ def test_cpcal_closes_and_refutes() -> None:
     assert not ask("lifted", "refute-0.9", 1.1 * BEST).answered
 
 
-def test_a_certificate_is_written_and_checked() -> None:
-    found = ask("lifted", "prove-1e-06")
-    assert found.answered
-    assert found.figures["steps"] >= 1
-    assert found.figures["check"] > 0.0
-    assert 1.0 < found.figures["size"] < 100.0
-
-
 @pytest.mark.peers
 @pytest.mark.parametrize("name", ["gurobi", "scip"])
 def test_solvers_agree_where_they_are_installed(name: str) -> None:

@@ -31,15 +31,6 @@ def spread(repeated):
     return campaign_deviations(repeated)
 
 
-@pytest.mark.parametrize("runs", [2, 3, 11])
-def test_the_divisor_makes_the_variance_unbiased_for_any_number_of_repeats(runs):
-    rng = np.random.default_rng(runs)
-    names = np.repeat(np.arange(5000), runs)
-    found = of(names, rng.normal(0, 2.0, (len(names), 1)) + names[:, None])
-    assert found.sigma[0] == pytest.approx(2.0, rel=0.03)
-    assert np.mean(found.values**2) == pytest.approx(4.0 * (runs - 1) / runs, rel=0.05)
-
-
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10**6))
 def test_the_mean_rotation_moves_with_the_rotations_and_ignores_signs(seed):

@@ -35,11 +35,8 @@ def test_a_package_of_ones_own_is_built_installed_and_run(tmp_path: Path, monkey
     ZipFile(tmp_path / wheel).extractall(installed)
     path = os.pathsep.join([str(installed), str(Path(__file__).parents[2])])
     run = subprocess.run(
-        [sys.executable, "-c", USED],
-        env={**os.environ, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
+        [sys.executable, "-c", USED], env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True,
         timeout=600,
-    )
+    )  # fmt: skip
     assert run.returncode == 0, run.stderr
     assert run.stdout.startswith("2 2 boxes hold exactly one solution each")

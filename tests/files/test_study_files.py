@@ -105,28 +105,6 @@ def test_a_bad_study_toml(tmp_path, old, new, line, what, remedy):
     assert {row[0] for row in found} == {"study.toml"}
 
 
-@pytest.mark.parametrize(
-    ("line", "row", "what"),
-    [
-        (3, "a,1,1,1,2,3,1,0,0,0,10,11", "pose 'a' run '1' image '1' was given on line 2 already"),
-        (3, "a,1,,1,2,3,1,0,0,0,10,11", "'' cannot be the name of an image"),
-        (1, "pose,run,image,x,y,z,qw,qx,qy,qz,L1,dL1", "unknown column 'dL1'"),
-    ],
-)
-def test_a_bad_line_of_a_table(tmp_path, line, row, what):
-    lines = IMAGES.splitlines()
-    lines[line - 1] = row
-    found = refused(tmp_path, validation="\n".join(lines))
-    assert [problem for problem in found if problem[:2] == ("validation.csv", line) and what in problem[2]]
-
-
-def test_everything_wrong_in_the_three_files_is_said_at_once(tmp_path):
-    toml = TOML.replace("seed = 3", "seed = -3").replace("[0, 0, 900]", "[0, 0]")
-    rows = {"calibration": TABLE.replace("a,2", "a,1"), "validation": TABLE.replace("0.8", "0.9")}
-    found = [row[:2] for row in refused(tmp_path, toml=toml, **rows)]
-    assert found == [("study.toml", 10), ("study.toml", 16), ("calibration.csv", 3), ("validation.csv", 4)]
-
-
 def test_missing_files_and_a_campaign_in_place_of_a_study(tmp_path):
     found = refused(tmp_path, toml=None, calibration=None, validation=None)
     assert [row[0] for row in found] == list(NAMES)

@@ -297,3 +297,14 @@ def test_photographs_go_by_their_numbers(tmp_path):
     for name in ("image10.png", "image2.png", "image1.png"):
         (tmp_path / name).write_bytes(b"")
     assert photo_names(tmp_path) == ["image1.png", "image2.png", "image10.png"]
+
+
+@pytest.mark.parametrize("width", [4, 16])
+@pytest.mark.parametrize("back", [False, True])
+def test_matrices_one_after_the_other_are_poses_in_the_order_of_the_photographs(tmp_path, width, back):
+    numbers = np.array([np.linalg.inv(m) if back else m for m in MATRICES])
+    np.savetxt(tmp_path / "robot.txt", numbers.reshape(-1, width))
+    found = load_hand_poses(tmp_path / "robot.txt", base_in_hand=back, names=["a", "b", "c"])
+    rows = np.array([found[name] for name in "abc"])
+    np.testing.assert_allclose(rows[:, :3], PLACES, atol=1e-9)
+    np.testing.assert_allclose(Pose(rows[:, :3], rows[:, 3:]).rotation, [m[:3, :3] for m in MATRICES], atol=1e-12)

@@ -53,3 +53,10 @@ def test_outliers_come_worst_first_and_are_counted():
     assert said[0].startswith("p7/1: leg 2 reads ")
     assert len(said) == 6
     assert said[-1] == "3 more measurements are as far off."
+
+
+def test_few_poses_leave_parameters_open():
+    few = simulate(seed=1, extremal=False, random_poses=5)
+    found = cpcal.check_data(few)
+    assert all(" parameters open: " in finding for finding in found.findings)
+    assert all(leg.rank < 7 for leg in found.legs)

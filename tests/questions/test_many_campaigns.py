@@ -38,14 +38,9 @@ def part(campaign: Campaign, rows: Floats | list[int], *, exact: bool = False) -
         else {name: getattr(campaign, name)[rows] for name in ("position_radius", "rotation_radius", "length_radius")}
     )
     return Campaign.of(
-        campaign.robot,
-        campaign.position[rows],
-        campaign.quaternion[rows],
-        campaign.length[rows],
-        run=[str(k) for k in range(len(rows))],
-        exact=exact,
-        **radii,
-    )
+        campaign.robot, campaign.position[rows], campaign.quaternion[rows], campaign.length[rows],
+        run=[str(k) for k in range(len(rows))], exact=exact, **radii,
+    )  # fmt: skip
 
 
 def only(campaign: Campaign, leg: int = 1, **options: object) -> LegResult:

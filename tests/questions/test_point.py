@@ -29,16 +29,6 @@ def test_verdicts_agree_with_exact_fractions(factor: float, eps: float) -> None:
     assert found.verified.fails > 0
 
 
-def test_the_true_leg_is_a_solution_of_a_perfect_robot() -> None:
-    campaign = cpcal.simulate(seed=3, joint_error=0.0, factor=3.0, truncate=2.9)
-    leg = cpcal.certify(campaign, legs=[1]).legs[0]
-    assert leg.bracket.point is not None
-    found = cpcal.certify_point(campaign, 1, leg.bracket.point)
-    assert found.verified.verdict is cpcal.Verdict.PROVED
-    assert len(found.holds) == len(campaign)
-    assert "satisfies all 64 equations within the stated reading uncertainty" in found.verified.sentence("It")
-
-
 @pytest.mark.parametrize("model", ["plain", "gain", "lateral"])
 @pytest.mark.parametrize("factor", [0.0, 3.0])
 def test_the_certificate_says_the_same(factor: float, model: str, tmp_path: Path) -> None:

@@ -174,3 +174,11 @@ def test_every_page_parses_without_an_error(page, comparison):  # that of a stud
         assert parse_errors(file.read_text(encoding="utf-8")) == []
     for wrong in ("<p>no doctype", "<!doctype html><table><p></table>", "<!doctype html>&nosuchthing;"):
         assert parse_errors(wrong) != []
+
+
+def test_an_interrupted_run_says_so(campaign):
+    page = render(campaign, result_of(campaign, interrupted=True))
+    assert "Interrupted" in page
+    assert "2, 3, 4, 5, 6" in page
+    empty = dataclasses.replace(result_of(campaign, interrupted=True), legs=())
+    assert "No leg was finished" in render(campaign, empty)

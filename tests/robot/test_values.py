@@ -15,14 +15,9 @@ from cpcal.simulate import simulate, simulate_study
 CAMPAIGN = dataclasses.replace(simulate(seed=1, random_poses=3), model=ModelChoice("gain", {"s": 0.1}))
 STUDY = simulate_study(seed=1, runs=1, validation_runs=1, random_poses=2, sag=0.5)
 VALUES = {
-    "campaign": CAMPAIGN,
-    "robot": CAMPAIGN.robot,
-    "uncertainty": CAMPAIGN.uncertainty,
-    "model": CAMPAIGN.model,
-    "study": STUDY,
-    "table": STUDY.calibration,
-    "truth": STUDY.truth,
-}
+    "campaign": CAMPAIGN, "robot": CAMPAIGN.robot, "uncertainty": CAMPAIGN.uncertainty, "model": CAMPAIGN.model,
+    "study": STUDY, "table": STUDY.calibration, "truth": STUDY.truth,
+}  # fmt: skip
 WAYS = {
     "copy": copy.copy,
     "deepcopy": copy.deepcopy,

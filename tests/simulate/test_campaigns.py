@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from cpcal.calibration import fit
 from cpcal.common.errors import InputError
 from cpcal.files import campaign_sha256
 from cpcal.robot import (
@@ -66,17 +65,6 @@ def test_truncated_noise_leaves_the_truth_inside_the_reading_sets(truncate):
     size = abs(2 * turn[:, 1:] / turn[:, :1])
     assert (size < noisy.rotation_radius).all()
     assert (size.max(axis=0) > 0.9 * noisy.rotation_radius[0]).all()
-
-
-@pytest.mark.parametrize(("seed", "amplitude"), [(0, 1.0), (1, 10.0), (2, 10.0), (3, 1.0)])
-def test_the_joint_error_has_its_amplitude_and_seven_parameters_do_not_absorb_it(seed, amplitude):
-    options = {"seed": seed, "noise": 0.0, "random_poses": 100}
-    effect = simulate(**options, joint_error=amplitude).length - simulate(**options).length
-    assert np.abs(effect).max() <= amplitude * (1 + 1e-9)
-    assert (np.abs(effect).max(axis=0) >= 0.8 * amplitude).all()
-    extremal = simulate(seed=seed, noise=0.0, joint_error=amplitude)
-    assert (np.abs(fit(extremal).residuals).max(axis=0) >= 0.3 * amplitude).all()
-    assert np.abs(fit(simulate(seed=seed, noise=0.0)).residuals).max() < 1e-9
 
 
 def test_all_senseless_options_are_named_at_once():

@@ -9,12 +9,8 @@ from cpcal.simulate.campaigns import STROKE, assembled, configurations, streams
 from cpcal.simulate.studies import assembled_with, clearance_sides, leg_gaps, mechanisms_of
 
 LARGE = {  # mm; the gain is relative
-    "axis_offset": 20.0,
-    "backlash": 20.0,
-    "sag": 20.0,
-    "gain": 0.2,
-    "joint_error": 20.0,
-}
+    "axis_offset": 20.0, "backlash": 20.0, "sag": 20.0, "gain": 0.2, "joint_error": 20.0,
+}  # fmt: skip
 READINGS = configurations(np.tile(np.array(STROKE)[:, None], 6), streams(5)[2], random_poses=20, extremal=True)[1]
 IDEAL = assembled(DELTALAB, READINGS, STROKE)
 

@@ -3,7 +3,6 @@
 As a command, many of them: `python -m tests.solver.test_exact_programs 3000`.
 """
 
-import sys
 from dataclasses import dataclass
 from fractions import Fraction as F
 from functools import cache
@@ -153,31 +152,20 @@ def contradictions(seed: int, solver: type[Dense] = Dense) -> tuple[list[str], i
     return wrong, failed
 
 
-def main(count: int) -> int:
-    outcomes = [contradictions(seed) for seed in range(count)]
-    wrong = [line for lines, _ in outcomes for line in lines]
-    loose = [f"{seed} ({program(seed).kind})" for seed, (_, failed) in enumerate(outcomes) if failed]
-    print(*wrong, f"{count} programs: {len(wrong)} bounds contradicted; not proved to 1e-6: {len(loose)}", sep="\n")
-    print(*loose[:40])
-    return int(bool(wrong))
-
-
 COUNT = 35
 
 
+@pytest.mark.parametrize("count", [COUNT, pytest.param(3000, marks=pytest.mark.nightly)])
 @pytest.mark.parametrize("solver", [Dense, Highs])
 @pytest.mark.parametrize("kind", KINDS)
-def test_no_bound_is_contradicted_and_nearly_every_program_is_solved(solver: type[Dense], kind: str) -> None:
-    outcomes = [contradictions(seed, solver) for seed in range(KINDS.index(kind), COUNT, len(KINDS))]
+def test_no_bound_is_contradicted_and_nearly_every_program_is_solved(
+    solver: type[Dense], kind: str, count: int
+) -> None:
+    outcomes = [contradictions(seed, solver) for seed in range(KINDS.index(kind), count, len(KINDS))]
     assert [line for lines, _ in outcomes for line in lines] == []
     failed = sum(count for _, count in outcomes)
     allowed = 0.2 if kind == "badly scaled" else 0.02  # of programs that nobody has scaled
     assert failed <= allowed * 4 * len(outcomes)
-
-
-@pytest.mark.nightly
-def test_no_bound_of_three_thousand_programs_is_contradicted() -> None:
-    assert main(3000) == 0
 
 
 def test_the_kernel_ends_in_its_bounded_number_of_pivots_without_help(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -194,7 +182,3 @@ def test_the_kernel_ends_in_its_bounded_number_of_pivots_without_help(monkeypatc
             engine.load(case.matrix, case.rhs, case.lower, case.upper)
             for objective in case.objectives:
                 engine.minimize(objective)
-
-
-if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1])))

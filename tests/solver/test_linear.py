@@ -116,19 +116,6 @@ def test_bound_with_unbounded_columns_and_infinite_sides() -> None:
     assert program.bound(program.weights(solution)) == -np.inf
 
 
-@both
-@settings(max_examples=10, deadline=None)
-@given(seed=SEEDS)
-def test_an_engine_forgets_what_it_was_loaded_with_before(solver: type[Dense], seed: int) -> None:
-    program, other = Program(seed), emptied(seed + 1)
-    engine = other.engine(solver)
-    engine.minimize(other.objective)
-    engine.load(program.matrix, program.rhs, program.lower, program.upper)
-    solution = engine.minimize(program.objective)
-    assert program.objective @ solution.point == pytest.approx(program.oracle(), abs=1e-7)
-    assert program.bound(program.weights(solution)) == pytest.approx(program.oracle(), abs=1e-7)
-
-
 def emptied(seed: int) -> Program:
     """Two rows that ask for a sum at least 0.01 above what the other allows."""
     program = Program(seed)

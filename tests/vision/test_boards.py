@@ -177,3 +177,10 @@ def test_eight_real_circle_grids_fit_better_than_opencvs_centres(step: int) -> N
     ours, theirs = (np.sqrt(np.mean(np.square(apart[who::2]), axis=0)) for who in (0, 1))
     assert (ours < theirs).all()
     assert (ours < [0.005, 0.003, 0.1, 0.0006, 0.001, 0.0002]).all()  # mm, rad
+
+
+def test_what_is_no_board_is_refused_with_the_reason() -> None:
+    empty = np.full((480, 640), 200, dtype=np.uint8)
+    for text in ("chessboard:7x6:20", "charuco:6x5:30:20:4X4_50", "grid:4x3:32:8:APRILTAG_36h11"):
+        with pytest.raises(NotMeasured, match=f"the board {text} is not found"):
+            measure_pose(empty, target_from(text), CAMERA)

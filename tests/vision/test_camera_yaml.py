@@ -87,3 +87,8 @@ def test_the_command_writes_a_camera_toml(tmp_path: Path) -> None:
     given = ["image", "camera", str(tmp_path / "head.yaml"), "-o", str(tmp_path / "camera.toml")]
     assert CliRunner().invoke(app, given).exit_code == 0
     assert load_camera(tmp_path / "camera.toml") == load_camera(tmp_path / "head.yaml")
+
+
+def test_hostile_files_are_refused(tmp_path: Path) -> None:
+    for text in ("", "- 1\n", "[" * 20_000, "a: " * 50, "\0"):
+        refused(tmp_path / "camera.yaml", text)

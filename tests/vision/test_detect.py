@@ -17,6 +17,12 @@ from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Scene
 from cpcal.vision.target import DELTALAB_TARGET
 
+
+def _rest(rendered, chosen):
+    poses = Pose(rendered.poses.position[chosen], rendered.poses.quaternion[chosen])
+    return poses, rendered.target, rendered.camera, rendered.scene, rendered.seed
+
+
 BAD = {
     "bad/empty.png": "is empty",
     "bad/text.jpg": "cannot be read",
@@ -46,12 +52,9 @@ def folder(rendered, tmp_path_factory):
     (path / "bad").mkdir()
     grey = np.random.default_rng(0).integers(0, 256, (768, 1024), dtype=np.uint8)
     images = {
-        "black": np.zeros_like(grey),
-        "white": np.full_like(grey, 255),
-        "noise": grey,
-        "dot": grey[:1, :1],
+        "black": np.zeros_like(grey), "white": np.full_like(grey, 255), "noise": grey, "dot": grey[:1, :1],
         "large": np.zeros((3000, 4000), np.uint8),
-    }
+    }  # fmt: skip
     for name, image in images.items():
         opencv().imwrite(str(path / "bad" / f"{name}.png"), image)
     (path / "bad" / "empty.png").write_bytes(b"")
@@ -129,3 +132,17 @@ def _of(alone):
     values = values_of([row])
     poses = Pose(values[:, POSITION], values[:, QUATERNION])
     return poses, DELTALAB_TARGET, DELTALAB_CAMERA, Scene(), 0
+
+
+def test_what_fails_unexpectedly_is_told_and_tried_again(rendered, tmp_path):
+    class Broken(RenderedImages):
+        def read(self, name):
+            raise RuntimeError("the disk is on fire")
+
+    few = (rendered.names[:2], *_rest(rendered, slice(0, 2)))
+    journal = tmp_path / "journal"
+    for source, poses in ((Broken(*few), 0), (RenderedImages(*few), 2), (Broken(*few), 2)):
+        found = detect(source, DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=journal)
+        assert sum(row.found for row in found.rows) == poses
+        reasons = {row.reason for row in found.rows if not row.found}
+        assert reasons <= {"failed unexpectedly: RuntimeError: the disk is on fire"}

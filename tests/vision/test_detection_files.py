@@ -32,14 +32,11 @@ def test_a_table_of_poses_holds_every_detection_bit_for_bit(names, data):
     assert tuple(header) == COLUMNS
     read = [
         Detection(
-            unguarded(file),
-            unguarded(reason),
-            int(dots),
-            tuple(float(cell) for cell in cells if cell),
+            unguarded(file), unguarded(reason), int(dots), tuple(float(cell) for cell in cells if cell),
             unguarded(doubt),
         )
         for file, dots, *cells, doubt, reason in lines
-    ]
+    ]  # fmt: skip
     assert read == sorted(rows, key=lambda d: d.file)
     assert detections_bytes(reversed(rows)) == detections_bytes(rows)
 

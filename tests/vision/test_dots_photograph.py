@@ -64,3 +64,13 @@ def test_every_dot_of_the_photograph_to_a_hundredth_of_a_pixel():
     assert np.count_nonzero(np.linalg.norm(over, axis=1) > 4.0) < 0.005 * len(found)
     stated = np.sqrt(np.median(found.covariance[:, 0, 0]))
     assert 0.8 < stated / np.mean(np.sqrt((residual**2).mean(axis=0))) < 1.7
+
+
+def test_over_a_thousand_soft_dots_of_a_wide_lens_are_found_in_the_halved_image():
+    """Twelve megapixels, whose dots no blurred ellipse explains before the image is halved."""
+    image = opencv().imread(str(PHOTOGRAPH.with_name("GoPro8_dot_pattern.jpg")), opencv().IMREAD_GRAYSCALE)
+    found = observe_dots(image, bright=False)
+    assert found.halvings
+    assert len(found) > 1150
+    index = grid_indices(found.centers)
+    assert (index >= 0).all(axis=1).mean() > 0.9  # the walk by one step for all ends where the lens bends most

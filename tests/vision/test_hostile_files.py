@@ -113,3 +113,28 @@ def test_lines_that_no_journal_holds_are_dropped(tmp_path, one_image):
         assert again.rows == known.rows
     journal.write_text(f"{head}\n{line}\n")
     assert detect(one_image, DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=journal).measured == 0
+
+
+def test_pipes_and_devices_are_no_journals(no_file, tmp_path):
+    (tmp_path / "images").mkdir()
+    with pytest.raises(InputError, match="is not a journal"):
+        detect(ImageFolder(tmp_path / "images"), DELTALAB_TARGET, DELTALAB_CAMERA, journal=no_file("journal"))
+
+
+def test_a_link_to_nothing_is_an_image_with_a_reason(tmp_path):
+    (tmp_path / "image.png").symlink_to(tmp_path / "nothing.png")
+    journal = tmp_path / "journal"
+    for measured in (1, 0):
+        found = detect(ImageFolder(tmp_path), DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=journal)
+        assert [row.reason for row in found.rows] == ["cannot be read: No such file or directory"]
+        assert found.measured == measured
+
+
+def test_colours_and_depth_count_for_the_memory_of_an_image(tmp_path):
+    head = struct.pack(">IIBBBBB", 9000, 9000, 16, 6, 0, 0, 0)  # 81 million pixels of 8 bytes
+    content = png(1, 1, 8).replace(struct.pack(">IIBBBBB", 1, 1, 8, 0, 0, 0, 0), head)
+    at = content.index(head) + len(head)
+    content = content[:at] + struct.pack(">I", zlib.crc32(b"IHDR" + head)) + content[at + 4 :]
+    (tmp_path / "image.png").write_bytes(content)
+    with pytest.raises(UnreadableImageError, match="would take 648,000,000 bytes when decoded"):
+        read_image(tmp_path / "image.png")

@@ -163,12 +163,9 @@ def test_no_list_is_taken_for_another(count):
     figures = identified(count, seed=25)
     assert sum(row["wrong"] for row in figures.values()) == 0
     least = {
-        "none": 1.0,
-        "anywhere": 1.0,
-        "false on the rows": 0.9,
-        "missing on the rows": 0.4,
+        "none": 1.0, "anywhere": 1.0, "false on the rows": 0.9, "missing on the rows": 0.4,
         "both on the rows": 0.6,
-    }
+    }  # fmt: skip
     assert all(figures[kind]["right"] >= share * count // 6 for kind, share in least.items())
 
 

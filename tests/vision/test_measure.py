@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.vision_scenes import degenerate_images, facing_poses, one, pose_error
-from cpcal.vision.camera import DELTALAB_CAMERA
+from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.measure import NotMeasured, measure_pose
 from cpcal.vision.render import render
 from cpcal.vision.target import DELTALAB_TARGET
@@ -48,3 +48,11 @@ def test_there_is_a_reason_for_every_image_without_a_target() -> None:
         with pytest.raises(NotMeasured) as refusal:
             measure_pose(image, DELTALAB_TARGET, DELTALAB_CAMERA)
         assert REASONS[name] in str(refusal.value), name
+
+
+def test_a_wrong_camera_shows_in_the_residuals() -> None:
+    pose = one(facing_poses(np.random.default_rng(2), 1, depth=(700.0, 700.0)), 0)
+    image = render(DELTALAB_TARGET, DELTALAB_CAMERA, pose)
+    off = Camera(1024, 768, DELTALAB_CAMERA.focal, DELTALAB_CAMERA.center, DELTALAB_CAMERA.distortion * 0.5)
+    with pytest.raises(NotMeasured, match="the camera or the target is not as stated"):
+        measure_pose(image, DELTALAB_TARGET, off)

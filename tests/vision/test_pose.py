@@ -11,7 +11,13 @@ from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_produc
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.pose import NoPose, PoseEstimate, estimate_pose
 from cpcal.vision.projection import predicted_centers
-from cpcal.vision.target import DELTALAB_TARGET
+from cpcal.vision.target import DELTALAB_TARGET, Target
+
+
+def of_small(small: Target, pose: Pose, sigma: float, rng: np.random.Generator) -> PoseEstimate:
+    centers = predicted_centers(small, DELTALAB_CAMERA, pose) + sigma * rng.standard_normal((133, 2))
+    return estimate_pose(centers, sigma**2 * np.tile(np.eye(2), (133, 1, 1)), ALL, small, DELTALAB_CAMERA)
+
 
 ALL = np.arange(len(DELTALAB_TARGET.dots))
 
@@ -138,3 +144,30 @@ def test_too_few_dots_and_dots_on_a_line_are_refused() -> None:
         estimated(centers[:5], 0.01, ALL[:5])
     with pytest.raises(NoPose, match="on a line"):
         estimated(centers[:7], 0.01, ALL[:7])
+
+
+def test_many_outliers_are_no_pose() -> None:
+    rng = np.random.default_rng(3)
+    centers = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, tilted(0.0, 0.0, 700.0, 10.0))
+    centers[:40] += rng.uniform(-3.0, 3.0, (40, 2))
+    with pytest.raises(NoPose, match="of 133 dots do not fit one pose"):
+        estimated(centers + 0.01 * rng.standard_normal((133, 2)), 0.01)
+
+
+def test_a_small_distant_target_gives_the_right_pose_or_none() -> None:
+    """Its depths turned over look nearly the same: two poses that fit about equally well are refused."""
+    small = Target("small", DELTALAB_TARGET.dots / 5.0, 1.2)
+    rng = np.random.default_rng(6)
+    poses = facing_poses(rng, 60, depth=(2000.0, 2000.0))
+    right, reasons = 0, list[str]()
+    for k in range(60):
+        try:
+            found = of_small(small, one(poses, k), 0.07, rng)
+        except NoPose as reason:
+            reasons.append(str(reason))
+            continue
+        error = pose_error(one(poses, k), found)
+        assert error @ np.linalg.solve(found.covariance, error) < 35.0  # five in a million of six degrees of freedom
+        right += 1
+    assert 20 < right < 60
+    assert all("two poses fit about equally well" in reason for reason in reasons)

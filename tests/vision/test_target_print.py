@@ -12,8 +12,8 @@ import pytest
 from cpcal.common.errors import InputError
 from cpcal.vision.dots import observe_dots
 from cpcal.vision.files.image_file import read_image
-from cpcal.vision.files.target_print import page_bytes, print_target, sheet
-from cpcal.vision.target import DELTALAB_TARGET, two_diagonals
+from cpcal.vision.files.target_print import PAPERS, on_paper, page_bytes, print_target, sheet
+from cpcal.vision.target import DELTALAB_TARGET, Target, two_diagonals
 
 SMALL = two_diagonals(
     "small & <dark>, $5", (-60.0, -31.0, -9.0, 22.0, 55.0), (-58.0, -20.0, 40.0, 63.0), 100.0, 25.0, 3.0, bright=False
@@ -90,3 +90,15 @@ def test_files_are_written_by_their_suffix(tmp_path):
         print_target(SMALL, tmp_path / "target.png")
     with pytest.raises(InputError, match="cannot be written"):
         print_target(SMALL, Path("/dev/null") / "target.svg")
+
+
+@pytest.mark.parametrize("paper", PAPERS)
+def test_a_target_made_for_a_paper_is_the_largest_that_fits_it(paper):
+    made = on_paper(DELTALAB_TARGET, paper)
+    assert sheet(made, paper).paper == paper
+    factor = made.radius / DELTALAB_TARGET.radius
+    np.testing.assert_allclose(made.dots, factor * DELTALAB_TARGET.dots)
+    more = (factor + 0.05) / factor
+    larger = Target("t", more * made.dots, more * made.radius)
+    with pytest.raises(InputError, match=f"does not fit {paper}"):
+        sheet(larger, paper)

@@ -21,13 +21,9 @@ from tests.checker.valid.exact_legs import in_fractions, parts
 
 TOTAL = int(os.environ.get("CPCAL_MUTATIONS", "1200"))
 SHARE = {
-    "exact_proof": 0.15,
-    "split_proof": 0.2,
-    "uncertain_proof": 0.03,
-    "gain_proof": 0.03,
-    "network_proof": 0.34,
+    "exact_proof": 0.15, "split_proof": 0.2, "uncertain_proof": 0.03, "gain_proof": 0.03, "network_proof": 0.34,
     "network_split_proof": 0.25,
-}
+}  # fmt: skip
 ODD = [
     *("0x0p+0", "0x1p-60", "0x1p+0", "-0x1p+0", "nan", "0x1p9999", "all", "", "lower", "sign"),
     *(0, 1, -1, 2, 8, 1 << 60, 1.0, True, None, [], {}),

@@ -123,25 +123,13 @@ def test_a_campaign_changed_after_the_fact(verdict: Any, exact_proof: Any, moved
 
 
 CELLS: list[tuple[int, Any, str]] = [
-    (5, "0", "no rotation"),
-    (5, "nan", "no decimal"),
-    (9, "inf", "no decimal"),
-    (9, "", "no decimal"),
-    (2, "1e999", "too large"),
-    (2, "9" * 40, "no decimal"),
-    (3, "one", "no decimal"),
-    (3, "0x1p+0", "no decimal"),
-    (3, " 1", "no decimal"),
-    (3, "1_0", "no decimal"),
-    (3, "\uff11", "no decimal"),
-    (3, 1, "no decimal"),
-    (3, True, "no decimal"),
-    (3, None, "no decimal"),
-    (3, ["1"], "no decimal"),
-    (15, "-1.0", "negative half-width"),
-    (18, "-1e-300", "negative half-width"),
+    (5, "0", "no rotation"), (5, "nan", "no decimal"), (9, "inf", "no decimal"), (9, "", "no decimal"),
+    (2, "1e999", "too large"), (2, "9" * 40, "no decimal"), (3, "one", "no decimal"),
+    (3, "0x1p+0", "no decimal"), (3, " 1", "no decimal"), (3, "1_0", "no decimal"), (3, "\uff11", "no decimal"),
+    (3, 1, "no decimal"), (3, True, "no decimal"), (3, None, "no decimal"), (3, ["1"], "no decimal"),
+    (15, "-1.0", "negative half-width"), (18, "-1e-300", "negative half-width"),
     (21, "-1.0", "negative half-width"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("column", "cell", "reason"), CELLS)

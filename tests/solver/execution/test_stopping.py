@@ -3,6 +3,7 @@
 import os
 import pickle
 import signal
+import threading
 from dataclasses import replace
 from fractions import Fraction as F
 
@@ -98,3 +99,15 @@ def test_whenever_it_is_asked_a_leg_that_is_answered_stays_and_has_its_certifica
             if leg.certified:
                 assert check(run / leg.bracket.certificate).claims.eps_lo == F(leg.bracket.lo)
     assert numbers == {0, 1, 2}
+
+
+def test_a_thread_leaves_signals_alone():
+    def run():
+        with heard(terminate=True), raising():
+            seen.append(signal.getsignal(signal.SIGINT))
+
+    seen = []
+    thread = threading.Thread(target=run)
+    thread.start()
+    thread.join()
+    assert seen == [signal.default_int_handler]

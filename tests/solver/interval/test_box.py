@@ -115,3 +115,22 @@ def test_text_of_few_and_many_variables() -> None:
     assert len(repr(leg).splitlines()) == 9
     assert eval(repr(leg)) == leg
     assert max(map(len, repr(leg).splitlines())) < 60
+
+
+def test_a_box_without_variables_holds_one_point() -> None:
+    box = Box((), [], [])
+    assert not box.is_empty
+    assert {} in box
+    assert box & box == box
+    assert box.with_bounds(np.zeros(0), np.zeros(0)) == box
+
+
+def test_equality_goes_by_names_and_bounds() -> None:
+    assert unit() == unit()
+    assert hash(unit()) == hash(unit())
+    assert unit() != unit().replace("x", hi=math.nextafter(1.0, 2.0))
+    assert Box(["x"], [0.0], [0.0]) == Box(["x"], [-0.0], [-0.0])
+    assert Box(["x"], [0], [1]) != Box(["y"], [0], [1])
+    assert unit() != "box"
+    with pytest.raises(TypeError, match="is_empty"):
+        bool(unit())

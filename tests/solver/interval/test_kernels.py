@@ -99,13 +99,9 @@ SMALL: list[Pair] = [
 ]
 EMPTY = (math.nan, math.nan)
 BINARY: dict[str, Callable[[Fraction, Fraction], Fraction]] = {
-    "add": lambda a, b: a + b,
-    "sub": lambda a, b: a - b,
-    "mul": lambda a, b: a * b,
-    "div": lambda a, b: a / b,
-    "min": min,
-    "max": max,
-}
+    "add": lambda a, b: a + b, "sub": lambda a, b: a - b, "mul": lambda a, b: a * b, "div": lambda a, b: a / b,
+    "min": min, "max": max,
+}  # fmt: skip
 UNARY: dict[str, Callable[[Fraction], Any]] = {
     "neg": lambda a: -a,
     "abs": abs,

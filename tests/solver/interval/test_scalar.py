@@ -13,6 +13,9 @@ from hypothesis import strategies as st
 from cpcal.common.errors import ModelError
 from cpcal.solver.interval import Interval
 
+OPERATIONS = [operator.add, operator.sub, operator.mul, operator.truediv]
+
+
 MAX = 1.7976931348623157e308
 FLOATS = st.sampled_from([0.0, -0.0, 5e-324, 1.0, -1.0, MAX, -MAX]) | st.floats(allow_nan=False, allow_infinity=False)
 ENTIRE = Interval(-math.inf, math.inf)
@@ -104,3 +107,13 @@ def test_decimals_hold_the_interval(a: float, b: float, decimals: int) -> None:
     unit = Decimal(1).scaleb(-decimals)
     assert printed_lo <= Decimal(lo) < printed_lo + unit
     assert printed_hi - unit < Decimal(hi) <= printed_hi
+
+
+@pytest.mark.parametrize("number", [3, 0.1, Fraction(1, 3), 2**53 + 1, np.float64(0.7), np.int32(4)])
+@pytest.mark.parametrize("operation", OPERATIONS)
+def test_numbers_on_either_side_stand_for_their_exact_value(operation: object, number: object) -> None:
+    x = Interval(2, 5)
+    right, left = operation(x, number), operation(number, x)  # type: ignore[operator]
+    assert isinstance(left, Interval)
+    assert right == operation(x, Interval(number))  # type: ignore[operator, arg-type]
+    assert left == operation(Interval(number), x)  # type: ignore[operator, arg-type]

@@ -131,19 +131,6 @@ def _backward(net, root, box, value, rng):
 
 
 @pytest.mark.parametrize("name", FORMULAS)
-def test_a_batch_of_boxes_gives_what_single_boxes_give(name: str) -> None:
-    rng = np.random.default_rng(3)
-    net, x, y = variables()
-    tape = Tape(net, [FORMULAS[name][0](x, y) - 1.0])
-    boxes, _ = random_boxes(rng, 6)
-    together = tape.contract(boxes)
-    for k in range(6):
-        alone = tape.contract(boxes[k : k + 1])
-        np.testing.assert_array_equal(alone.lo[0], together.lo[k])
-        np.testing.assert_array_equal(alone.hi[0], together.hi[k])
-
-
-@pytest.mark.parametrize("name", FORMULAS)
 @settings(max_examples=5, deadline=None)
 @given(seed=SEEDS)
 def test_points_equal_numpy_and_derivatives_equal_differences(name: str, seed: int) -> None:
