@@ -41,15 +41,9 @@ class Outer:
 
 FILE = Document(Outer, "x.json", "cpcal-test/1", "certify again")
 VALUE = Outer(
-    "é\n",
-    Colour.BLUE,
-    (0.1, 5e-324, -0.0, math.inf, -math.inf),
-    (1, "x"),
-    Inner(3),
-    {"a": 1.0},
-    Box(["x", "y"], [0.0, -math.inf], [0.1, math.inf]),
-    True,
-)
+    "é\n", Colour.BLUE, (0.1, 5e-324, -0.0, math.inf, -math.inf), (1, "x"), Inner(3), {"a": 1.0},
+    Box(["x", "y"], [0.0, -math.inf], [0.1, math.inf]), True,
+)  # fmt: skip
 
 
 def test_what_was_written_comes_back(tmp_path):

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contractors import Beaumont, Krawczyk, Lifted
+from contractors import Beaumont, Krawczyk
 from contractors.krawczyk import IntervalRows, beaumont, inequalities, krawczyk
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, evaluate, maximum, minimum, sqr, sqrt
@@ -17,7 +17,6 @@ from cpcal.solver.network import ConstraintNetwork, evaluate, maximum, minimum, 
 Floats = npt.NDArray[np.float64]
 SEEDS = st.integers(0, 2**32 - 1)
 KINDS = {"krawczyk": Krawczyk, "beaumont": Beaumont}
-LINEAR = {**KINDS, "lifted": Lifted}  # all that solve linear programs
 
 
 # interval linear systems ------------------------------------------------------------------------------------
@@ -106,13 +105,3 @@ def test_never_loses_a_point_that_touches_its_constraints(kind: str, seed: int) 
     net.add(expr.within((-np.inf, here.hi) if rng.random() < 0.5 else (here.lo, here.hi)))
     found = KINDS[kind](net).contract(net.domain)
     assert point in found.box
-
-
-@pytest.mark.parametrize("kind", LINEAR)
-def test_proves_emptiness_and_says_which_rows_did(kind: str) -> None:
-    net = ConstraintNetwork()
-    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
-    net.add([x + y <= 1, x + y + 0.01 * sqr(x) >= 1.6, x - y <= 3])
-    found = LINEAR[kind](net).contract(net.domain)
-    assert found.box.is_empty
-    assert {row for step in found.steps for row in step.rows} == {(0, 0), (1, 0)}

@@ -89,16 +89,6 @@ def test_what_has_no_certificate_is_said_to_be_unchecked(uncertain, tmp_path):
     assert "which were not compared with the campaign" in write_comparison(comparison, tmp_path).read_text("utf-8")
 
 
-def test_a_result_with_a_model_comes_back_from_its_file(exact, tmp_path):
-    result = cpcal.certify(exact, legs=[1], model="gain", ranges=True, certificates=tmp_path)
-    cpcal.save_result(result, tmp_path)
-    assert cpcal.load_result(tmp_path) == result
-    page = write_report(exact, result, tmp_path).read_text(encoding="utf-8")
-    assert "s [mm/mm]" in page
-    assert "--model gain" in page
-    assert "a gain error s" in page
-
-
 def test_ctrl_c_leaves_what_is_proved(exact, monkeypatch, tmp_path):
     """The second leg is interrupted before it has an answer."""
     once = cpcal.certify.__globals__["certify_leg"]

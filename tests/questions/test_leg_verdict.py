@@ -155,11 +155,8 @@ def test_every_kind_has_a_word_and_a_colour_of_its_own():
     assert len({STYLES[kind] for kind in kinds}) == 5
     assert STYLES["uncompared"] != STYLES["explained"]
     found = [
-        judged(0.0, 1.0, 1.5, tolerance=2.0),
-        judged(3.0, 4.0, tolerance=2.0),
-        judged(1.0, 1.0),
-        judged(1.0, 1.5, 3.0, tolerance=2.0),
-        judged(0.0, 1.0, tolerance=2.0, determination=POOR),
-    ]
+        judged(0.0, 1.0, 1.5, tolerance=2.0), judged(3.0, 4.0, tolerance=2.0), judged(1.0, 1.0),
+        judged(1.0, 1.5, 3.0, tolerance=2.0), judged(0.0, 1.0, tolerance=2.0, determination=POOR),
+    ]  # fmt: skip
     assert [verdict.kind for verdict in found] == kinds
     assert len({verdict.word for verdict in found}) == 5

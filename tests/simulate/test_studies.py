@@ -31,18 +31,6 @@ def test_a_perfect_study_satisfies_the_seven_parameter_equations_once_the_frames
     assert mechanisms_of(json.loads(study.provenance["options"])).perfect
 
 
-def test_the_poses_map_target_to_camera_by_way_of_mobile_and_base():
-    study = simulate_study(seed=1, noise=0.0, **SMALL)
-    truth, table = study.truth, study.calibration
-    mobile = mobile_in_base(truth, table)
-    x = np.array([3.0, -7.0, 11.0])  # in the target frame
-    on_platform = truth.target.position + truth.target.rotation @ x
-    in_base = mobile.position + mobile.rotation @ on_platform
-    in_camera = truth.camera.position + in_base @ truth.camera.rotation.T
-    assert_allclose(table.position + table.seen.rotation @ x, in_camera, atol=1e-9)
-    assert mobile.position[:, 2].min() > 200
-
-
 @pytest.mark.parametrize(("images", "share"), [(3, 1.0), (0, 1 / np.sqrt(10))])
 def test_the_noise_is_that_of_tables_2_and_3(images, share):
     """Single images scatter as Table 3 says, a run's mean of ten images by the root of ten less."""

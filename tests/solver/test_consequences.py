@@ -41,17 +41,6 @@ def planted(seed: int) -> tuple[cpcal.Network, Any]:
     return net, point
 
 
-def test_equations_that_are_known_to_an_interval_only_take_no_part() -> None:
-    net = cpcal.Network()
-    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
-    net.add([x**2 * y + x == 1, x * y**2 + y == net.constant(cpcal.Interval(0.9, 1.1))])
-    assert consequences(net) == ()
-    exact = cpcal.Network()
-    x, y = exact.variable("x", (), (-2, 2)), exact.variable("y", (), (-2, 2))
-    exact.add([x**2 * y + x == 1, x * y**2 + y == Fraction(1)])
-    assert consequences(exact)  # x - y = 0 among them
-
-
 def test_a_system_of_large_terms_that_cancel_is_solved_by_what_follows_from_it() -> None:
     problem = load_problem(PROBLEMS / "neurophysiology.bch")
     paving = problem.network.solve(limits=Limits(seconds=60))

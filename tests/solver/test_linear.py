@@ -126,21 +126,6 @@ def emptied(seed: int) -> Program:
 
 
 @both
-@settings(max_examples=5, deadline=None)
-@given(seed=SEEDS)
-def test_of_many_rows_those_that_matter_enter(solver: type[Dense], seed: int) -> None:
-    program = Program(seed, rows=1500, columns=5, room=0.5)
-    engine = program.engine(solver)
-    rng = np.random.default_rng(seed)
-    for _ in range(4):
-        objective = rng.normal(size=5)
-        solution = engine.minimize(objective)
-        found, optimum = program.bound(program.weights(solution), objective), program.oracle(objective)
-        assert objective @ solution.point == pytest.approx(optimum, abs=1e-7)
-        assert found == pytest.approx(optimum, abs=1e-7)
-
-
-@both
 def test_emptiness_is_found_among_many_rows(solver: type[Dense]) -> None:
     program = emptied(5)
     slack = Program(6, rows=1500, room=3.0)

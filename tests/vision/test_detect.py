@@ -24,15 +24,11 @@ def _rest(rendered, chosen):
 
 
 BAD = {
-    "bad/empty.png": "is empty",
-    "bad/text.jpg": "cannot be read",
-    "bad/black.png": "not identified",
-    "bad/white.png": "not identified",
-    "bad/noise.png": "not identified",
-    "bad/dot.png": "the image is 1 x 1 pixels",
-    "bad/large.png": "the image is 4000 x 3000 pixels",
+    "bad/empty.png": "is empty", "bad/text.jpg": "cannot be read", "bad/black.png": "not identified",
+    "bad/white.png": "not identified", "bad/noise.png": "not identified",
+    "bad/dot.png": "the image is 1 x 1 pixels", "bad/large.png": "the image is 4000 x 3000 pixels",
     "bad/cut.png": "is truncated",
-}
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -97,15 +97,12 @@ def test_lines_that_no_journal_holds_are_dropped(tmp_path, one_image):
         *(
             json.dumps({**row, **wrong})
             for wrong in (
-                {"reason": "", "values": [1.0]},
-                {"reason": "", "values": [float("nan")] * len(NUMBERS)},
-                {"reason": "", "values": [10**400] * len(NUMBERS)},
-                {"reason": 5},
-                {"stamp": None},
+                {"reason": "", "values": [1.0]}, {"reason": "", "values": [float("nan")] * len(NUMBERS)},
+                {"reason": "", "values": [10**400] * len(NUMBERS)}, {"reason": 5}, {"stamp": None},
                 {"file": ["a.png"]},
             )
         ),
-    ]
+    ]  # fmt: skip
     for text in bad:
         journal.write_text(f"{head}\n{text}\n")
         again = detect(one_image, DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=journal)

@@ -31,13 +31,10 @@ def test_what_is_no_image_has_a_reason(tmp_path):
     good = written(tmp_path / "good.png", GREY).read_bytes()
     photo = written(tmp_path / "good.jpg", GREY).read_bytes()
     bad = {
-        "empty.png": (b"", "is empty"),
-        "text.png": (b"this is a text file", "cannot|no image"),
-        "cut.png": (good[: len(good) // 2], "truncated"),
-        "cut.jpg": (photo[: len(photo) // 2], "truncated"),
-        "head.png": (good[:20], "read"),
-        "float.tiff": (None, "float32"),
-    }
+        "empty.png": (b"", "is empty"), "text.png": (b"this is a text file", "cannot|no image"),
+        "cut.png": (good[: len(good) // 2], "truncated"), "cut.jpg": (photo[: len(photo) // 2], "truncated"),
+        "head.png": (good[:20], "read"), "float.tiff": (None, "float32"),
+    }  # fmt: skip
     written(tmp_path / "float.tiff", GREY.astype(np.float32))
     for name, (content, reason) in bad.items():
         if content is not None:

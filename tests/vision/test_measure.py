@@ -25,20 +25,12 @@ def test_poses_at_the_nominal_setting() -> None:
 
 
 REASONS = {
-    "black": "too few",
-    "white": "too few",
-    "saturated": "",
-    "noise": "not identified",
-    "blurred by 15 pixels": "",
-    "half out, to the right": "not identified",
-    "half out, below": "not identified",
-    "mirrored": "mirror image",
-    "without its rows": "ambiguous",
-    "chessboard": "not identified",
-    "a regular grid of dots": "not identified",
-    "1 x 1": "1 x 1 pixels",
+    "black": "too few", "white": "too few", "saturated": "", "noise": "not identified",
+    "blurred by 15 pixels": "", "half out, to the right": "not identified", "half out, below": "not identified",
+    "mirrored": "mirror image", "without its rows": "ambiguous", "chessboard": "not identified",
+    "a regular grid of dots": "not identified", "1 x 1": "1 x 1 pixels",
     "100 megapixels": "the image is 10000 x 10001 pixels",
-}
+}  # fmt: skip
 
 
 def test_there_is_a_reason_for_every_image_without_a_target() -> None:

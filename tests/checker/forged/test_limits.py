@@ -175,15 +175,11 @@ OTHERS: dict[str, Callable[[dict[str, Any]], object]] = {
     "rows of nothing": lambda d: d.update(measurements=[[], []]),
 }
 CONTENTS = {
-    "a float": b'{"measurements": 1.5}',
-    "an infinite float": b'{"measurements": 1e999}',
-    "a long integer": b'{"measurements": ' + b"9" * 5000 + b"}",
-    "a key twice": b'{"format": 1, "format": 1}',
-    "NaN": b'{"measurements": NaN}',
-    "not UTF-8": b'{"\xff": 1}',
-    "a byte order mark": b"\xef\xbb\xbf{}",
+    "a float": b'{"measurements": 1.5}', "an infinite float": b'{"measurements": 1e999}',
+    "a long integer": b'{"measurements": ' + b"9" * 5000 + b"}", "a key twice": b'{"format": 1, "format": 1}',
+    "NaN": b'{"measurements": NaN}', "not UTF-8": b'{"\xff": 1}', "a byte order mark": b"\xef\xbb\xbf{}",
     "nothing": b"",
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", [*OTHERS, *CONTENTS])

@@ -16,15 +16,12 @@ from cpcal.solver.interval.numbers import float_bounds
 
 LONG = np.longdouble(1) / 3
 REALS = st.one_of(
-    st.floats(allow_nan=False, allow_infinity=False),
-    st.integers(),
-    st.fractions(),
-    st.decimals(allow_nan=False, allow_infinity=False),
-    st.integers(-(2**63), 2**63 - 1).map(np.int64),
+    st.floats(allow_nan=False, allow_infinity=False), st.integers(), st.fractions(),
+    st.decimals(allow_nan=False, allow_infinity=False), st.integers(-(2**63), 2**63 - 1).map(np.int64),
     st.integers(0, 2**64 - 1).map(np.uint64),
     st.floats(allow_nan=False, allow_infinity=False, width=32).map(np.float32),
     st.floats(-1e300, 1e300).map(lambda v: np.longdouble(v) / 3),
-)
+)  # fmt: skip
 
 
 def exact(value: Any) -> Fraction:

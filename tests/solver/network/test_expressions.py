@@ -69,24 +69,12 @@ def test_truth_values_and_chained_comparisons_are_refused(net: ConstraintNetwork
 def test_shape_errors_are_model_errors(net: ConstraintNetwork) -> None:
     x, m = net.variable("x", 3), np.zeros((2, 4))
     wrong = [
-        lambda: x + np.zeros(2),
-        lambda: m @ x,
-        lambda: x @ m,
-        lambda: x[0] @ x,
-        lambda: x[3],
-        lambda: x[0, 0],
-        lambda: x["a"],
-        lambda: x.sum(1),
-        lambda: x[0].sum(),
-        lambda: norm(x[0]),
-        lambda: x.within(([0, 0], [1, 1])),
-        lambda: x.within((np.zeros((2, 3)), 1.0)),
-        lambda: x + [[1], [1, 2]],
-        lambda: net.reading(0.0, -1.0),
-        lambda: net.component(x),
-        lambda: net.component(x[0] + 1),
-        lambda: net.add(ConstraintNetwork().variable("x") <= 1),
-    ]
+        lambda: x + np.zeros(2), lambda: m @ x, lambda: x @ m, lambda: x[0] @ x, lambda: x[3], lambda: x[0, 0],
+        lambda: x["a"], lambda: x.sum(1), lambda: x[0].sum(), lambda: norm(x[0]),
+        lambda: x.within(([0, 0], [1, 1])), lambda: x.within((np.zeros((2, 3)), 1.0)),
+        lambda: x + [[1], [1, 2]], lambda: net.reading(0.0, -1.0), lambda: net.component(x),
+        lambda: net.component(x[0] + 1), lambda: net.add(ConstraintNetwork().variable("x") <= 1),
+    ]  # fmt: skip
     accepted = []
     for k, build in enumerate(wrong):
         with contextlib.suppress(ModelError):

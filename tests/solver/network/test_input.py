@@ -57,29 +57,12 @@ def test_a_number_that_no_float_equals_is_enclosed_at_every_door(door: int, valu
 
 
 NO_NUMBERS: list[Any] = [
-    "0.1",
-    ["0.1", 1.0],
-    1 + 2j,
-    np.array([1j]),
-    True,
-    np.array([True, False]),
-    [1.0, True],
-    None,
-    {1.0, 2.0},
-    b"1",
-    np.nan,
-    [1.0, np.nan],
-    np.inf,
-    [1.0, -np.inf],
-    Interval.empty(),
-    IntervalArray(np.array(2.0), np.array(1.0)),
-    IntervalArray(np.zeros(2), np.ones(3)),
-    IntervalArray(np.array(0.0), np.array(np.nan)),
-    IntervalArray(np.array(LONG), np.array(LONG)),
-    np.ma.masked_array([1.0, 2.0], [0, 1]),
-    np.array([1, 2], dtype="m8[s]"),
-    [Interval(0, 1), 2.0],
-]
+    "0.1", ["0.1", 1.0], 1 + 2j, np.array([1j]), True, np.array([True, False]), [1.0, True], None, {1.0, 2.0},
+    b"1", np.nan, [1.0, np.nan], np.inf, [1.0, -np.inf], Interval.empty(),
+    IntervalArray(np.array(2.0), np.array(1.0)), IntervalArray(np.zeros(2), np.ones(3)),
+    IntervalArray(np.array(0.0), np.array(np.nan)), IntervalArray(np.array(LONG), np.array(LONG)),
+    np.ma.masked_array([1.0, 2.0], [0, 1]), np.array([1, 2], dtype="m8[s]"), [Interval(0, 1), 2.0],
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("value", NO_NUMBERS, ids=repr)

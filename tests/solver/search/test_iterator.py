@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from contractors import HC4, Newton
-from cpcal import Interval, Network
+from cpcal import Network
 from cpcal.solver.contract import Contraction, Then
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
@@ -103,31 +103,6 @@ def test_an_interrupted_node_stays_pending(where: str) -> None:
 
 
 # strategies -------------------------------------------------------------------------------------------------
-
-
-def test_largest_first_goes_by_scaled_width_skips_and_stops() -> None:
-    box = Box.from_dict({"x": (0, 8), "y": (0, 3), "z": (0, 1)})
-    assert LargestFirst().split(box)[0]["x"] == Interval(0, 4)
-    assert LargestFirst(scale=[8.0, 1.0, 1.0]).split(box)[0]["y"] == Interval(0, 1.5)
-    assert LargestFirst(skip=["x", "y"]).split(box)[0]["z"] == Interval(0, 0.5)
-    assert LargestFirst(8.0).split(box) == ()
-    assert LargestFirst(skip=["x", "y", "z"]).split(box) == ()
-    point = Box.from_dict({"x": 1, "y": 2})
-    assert LargestFirst().split(point) == ()
-    thin = Box(["x", "y"], [1.0, 0.0], [np.nextafter(1.0, 2.0), 0.0])
-    assert LargestFirst().split(thin) == ()
-
-
-def test_smear_cuts_where_the_constraints_vary() -> None:
-    net = ConstraintNetwork()
-    x, y, z = (net.variable(name, (), (0, 1)) for name in "xyz")
-    net.add([100 * y <= 1, x + y <= 3])
-    assert Smear(net).split(net.domain)[0].hi.tolist() == [1, 0.5, 1]
-    only_z = net.domain.with_bounds([0.5, 0.5, 0.0], [0.5, 0.5, 1.0])
-    assert Smear(net).split(only_z)[0].hi.tolist() == [0.5, 0.5, 0.5]
-    wide = net.domain.replace("x", hi=np.inf)
-    assert Smear(net).split(wide)[0].hi[0] < np.inf
-    assert z.name == "z"
 
 
 # Network.solve ----------------------------------------------------------------------------------------------
