@@ -6,13 +6,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from contractors import HC4, Newton
 from cpcal import Network
 from cpcal.solver.contract import Contraction, Then
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.search import ORDERS, Divide, EventKind, LargestFirst, Search, Smear
+from cpcal.solver.search import ORDERS, Divide, EventKind, LargestFirst, Search, Smear, bisect
+
+BOUND = st.sampled_from([-np.inf, -1e300, -1.0, 0.0, 5e-324, 1.0, 1.0 + 2**-52, 1e300, np.inf])
 
 
 def ring() -> ConstraintNetwork:
@@ -124,3 +128,22 @@ def test_the_size_of_batches_changes_nothing(order: dict[str, Any]) -> None:
         told.append((first, pending, rest, [piece.box for piece in search.kept]))
     assert told[0] == told[1] == told[2]
     assert len(told[0][3]) == 2
+
+
+@settings(max_examples=60, deadline=None)
+@given(pairs=st.lists(st.tuples(BOUND, BOUND).filter(lambda p: p[0] != p[1]), min_size=1, max_size=4))
+def test_pieces_cover_the_box_and_are_smaller(pairs: list[tuple[float, float]]) -> None:
+    lo, hi = np.array([min(p) for p in pairs]), np.array([max(p) for p in pairs])
+    box = Box([f"x{k}" for k in range(len(pairs))], lo, hi)
+    for component in range(len(pairs)):
+        pieces = bisect(box, component)
+        if not pieces:
+            assert np.nextafter(lo[component], np.inf) == hi[component]
+            continue
+        left, right = pieces
+        assert left.hull(right) == box
+        assert left.hi[component] == right.lo[component]
+        assert left != box
+        assert right != box
+    pieces = LargestFirst().split(box)
+    assert not pieces or pieces[0].hull(pieces[1]) == box
