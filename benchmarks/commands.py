@@ -1,4 +1,4 @@
-"""`python -m benchmarks`: list, run, page, compare. Suites are named lists of what to run; pages are Markdown."""
+"""`python -m benchmarks`: list, run, page. Suites are named lists of what to run; pages are Markdown."""
 
 import math
 from collections.abc import Iterable
@@ -149,17 +149,6 @@ def page(files: Annotated[list[Path], typer.Argument(help="JSON files of results
         print(path.with_suffix(".md"))
 
 
-@app.command()
-def compare(old: Path, new: Path) -> None:
-    """Compare two files: exit status 1 when a result is missing, or a status or cpcal's nodes differ.
-
-    How many programs were solved changes with versions: it is told and is no failure.
-    """
-    text, passed = compared(load(old), load(new))
-    print(text)
-    raise typer.Exit(int(not passed))
-
-
 # ----------------------------------------------------------------------------------------------------------------------
 # Results as Markdown.
 
@@ -255,29 +244,3 @@ def contradictions(runs: list[Run]) -> list[Run]:
         return replace(run, note="; ".join([*wrong, run.note])) if wrong else run
 
     return [examined(run) for run in runs]
-
-
-def compared(old: Results, new: Results) -> tuple[str, bool]:
-    """Both sides' results in a table, and whether all that `old` could ask is there with the same status and nodes."""
-    before, after = ({k: run for k, run in side.medians().items() if run.status != SKIPPED} for side in (old, new))
-    rows, ratios, changed = [], [], 0
-    for key, run in before.items():
-        now = after.get(key)
-        said, ratio = "missing" if now is None else "", math.nan
-        if now is not None and now.status != run.status:
-            said = f"{run.status} became {now.status}"
-        elif now is not None and run.status == ANSWERED:
-            ratio = now.cpu / run.cpu
-            ours = ("nodes", "programs") if "programs" in run.figures else ()  # a peer's nodes may differ
-            counts = {name: (run.figures.get(name), now.figures.get(name)) for name in ours}
-            said = "; ".join(f"{k} {_count(a)} became {_count(b)}" for k, (a, b) in counts.items() if a != b)
-        changed += bool(said) and not said.startswith("programs")
-        ratios += [] if math.isnan(ratio) else [ratio]
-        rows.append((*key, _seconds(run.cpu), _seconds(math.nan if now is None else now.cpu), _seconds(ratio), said))
-    mean = math.exp(sum(map(math.log, ratios)) / len(ratios)) if ratios else math.nan
-    sides = "".join(
-        f"{name}: {side.date}, {', '.join(side.machine.values())}\n" for name, side in (("old", old), ("new", new))
-    )
-    header = ("problem", "task", "method", "old CPU s", "new CPU s", "ratio", "changed")
-    times = f", CPU time {mean:.2f} times the old (geometric mean)" if ratios else ""
-    return f"{sides}\n{table(header, rows)}\n{len(rows)} compared, {changed} changed or missing{times}", not changed

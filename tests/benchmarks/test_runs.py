@@ -1,7 +1,6 @@
-"""The harness: whatever a method does, a run comes out; files of results are read, compared and written as pages."""
+"""The harness: whatever a method does, a run comes out; files of results are read and written as pages."""
 
 import math
-from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 
@@ -9,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks import runs
-from benchmarks.commands import SUITES, app, compared, contradictions
+from benchmarks.commands import SUITES, app, contradictions
 from benchmarks.problems import problem
 from benchmarks.runs import (
     ANSWERED,
@@ -143,21 +142,6 @@ def test_what_is_saved_is_loaded_and_other_files_are_refused(tmp_path: Path) -> 
         load(path)
 
 
-def test_a_comparison_flags_nodes_statuses_and_what_is_missing_and_not_programs() -> None:
-    moved = replace(RUNS[0], cpu=0.4, figures={**RUNS[0].figures, "nodes": 3.0})
-    text, passed = compared(results(RUNS[0], *RUNS[4:]), results(moved, replace(RUNS[-1], status=ANSWERED), RUNS[4]))
-    assert not passed
-    assert "nodes 1 became 3" in text
-    assert "timeout became answered" in text
-    assert "2 compared, 2 changed or missing, CPU time 2.00 times the old" in text
-    assert compared(results(RUNS[0], RUNS[1]), results(RUNS[0]))[1] is False
-    assert compared(results(RUNS[0], RUNS[1]), results(RUNS[0], replace(RUNS[1], status=SKIPPED)))[1] is False
-    assert compared(results(RUNS[0]), results(RUNS[0], RUNS[1]))[1]  # more results are no failure
-    text, passed = compared(results(RUNS[0]), results(replace(RUNS[0], figures={**RUNS[0].figures, "programs": 61.0})))
-    assert passed
-    assert "programs 60 became 61" in text
-
-
 def test_every_suite_speaks_of_problems_and_tasks_that_there_are() -> None:
     for suite in SUITES.values():
         for name, task, methods in suite.entries:
@@ -171,8 +155,8 @@ def test_every_suite_speaks_of_problems_and_tasks_that_there_are() -> None:
 
 
 @pytest.mark.usefixtures("here")
-def test_a_part_of_a_suite_is_run_written_compared_and_made_a_page(tmp_path: Path) -> None:
-    path, other, runner = tmp_path / "r.json", tmp_path / "s.json", CliRunner()
+def test_a_part_of_a_suite_is_run_written_and_made_a_page(tmp_path: Path) -> None:
+    path, runner = tmp_path / "r.json", CliRunner()
     good = ["-m", "tests.benchmarks.fakes:Good", "-p", EASY, "-o", str(path), "--repeat", "1"]
     assert runner.invoke(app, ["run", "spine", "-t", "certify-1e-06", *good]).exit_code == 0
     assert [run.task for run in load(path).runs] == ["certify-1e-06"]
@@ -181,8 +165,5 @@ def test_a_part_of_a_suite_is_run_written_compared_and_made_a_page(tmp_path: Pat
     text = path.with_suffix(".md").read_text()
     assert "licence \\| too small" in text
     assert "`other` was not asked: not installed" in text
-    assert runner.invoke(app, ["compare", str(path), str(path)]).exit_code == 0
-    save(results(replace(RUNS[0], figures={"nodes": 2, "programs": 60})), other)
-    assert runner.invoke(app, ["compare", str(path), str(other)]).exit_code == 1
     said = runner.invoke(app, ["list"]).output
     assert all(word in said for word in ("quick", "spine", "minimise", "gurobi", "hc4"))
