@@ -28,15 +28,6 @@ def test_it_takes_a_leg_from_100_mm_to_what_the_tolerances_say_and_keeps_the_tru
     assert left.programs == 0
 
 
-def test_a_variable_that_the_equations_do_not_tell_apart_from_another_is_left_alone() -> None:
-    net = ConstraintNetwork()
-    x = net.variable("x", 3, ((-9.0,) * 3, (9.0,) * 3))
-    net.add((np.array([1.0, 2.0, -1.0]) * (x[0] + x[1]) + np.array([1.0, 0.0, 3.0]) * x[2] - 1.0).within((-0.1, 0.1)))
-    left = Regression(net).contract(net.domain).box
-    np.testing.assert_array_equal(left.width[:2], net.domain.width[:2])
-    assert left.width[2] < 1.0
-
-
 @pytest.mark.parametrize("reach", [9.0, 1000.0])
 def test_tolerances_that_contradict_the_box_leave_nothing(reach: float) -> None:
     """By least squares x[0] is about 33.3, and x[1] about 5."""

@@ -5,8 +5,7 @@ import pytest
 import cpcal
 from cpcal.checker import certificate, check, check_run
 from cpcal.checker.files import Lines
-from cpcal.questions import Uncertified, save_result
-from cpcal.report import write_report
+from cpcal.questions import Uncertified
 from cpcal.solver.certificate import recording
 
 LOW = 100  # of work: less than any certificate of a leg takes
@@ -32,17 +31,6 @@ def test_the_result_says_not_certified_instead(campaign, tmp_path, monkeypatch, 
     assert not leg.certified
     assert leg.bracket.hi < float("inf")
     assert not list(tmp_path.glob("*.cert.jsonl"))
-
-
-def test_such_a_run_is_verified_as_not_certified(campaign, tmp_path, monkeypatch):
-    limited(monkeypatch, LOW)
-    result = cpcal.certify(campaign, legs=[1], delta=0.5, ranges=True, certificates=tmp_path)
-    assert result.legs[0].ranges.certificate is None
-    save_result(result, tmp_path)
-    (leg,) = check_run(tmp_path)
-    assert leg.accepted is leg.refused is leg.ranges is None
-    page = write_report(campaign, result, tmp_path).read_text(encoding="utf-8")
-    assert "its check would take more work than the checker spends" in page
 
 
 def test_the_limit_is_that_of_the_checker(campaign, tmp_path, monkeypatch):
