@@ -10,6 +10,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from fractions import Fraction as F
 from functools import cached_property, partial
@@ -277,7 +278,6 @@ def _within_limits(tried: Callable[[], T]) -> T | None:
 # Programs without columns take a millisecond and do for narrow boxes; those with columns contract boxes of all
 # rotations.
 
-_MET = 1e-3  # a bound that some vertex meets to this (in [-1, 1]) needs no program
 _WORTH = 0.02  # of a half-width: what a bound must gain to be kept, or twice the loss
 _CORNERS = [(p, q) for p in (1.0, -1.0) for q in (1.0, -1.0)]
 _TANGENTS = [(p, p) for p in (1.0, 2.0, -2.0, -1.0)]  # (1 + p u)^2, the square of the distance from -1 / p
@@ -500,7 +500,7 @@ class Descent:
         self.found.programs += step.programs
         record = _record(step.rows, name, None, step.exclusion, step.bounds, families=self.system.wrong > 0)
         self.found.steps += [] if record is None else [record]
-        return left, step.known[frozenset()].given_away
+        return left, step.given_away
 
 
 class _Pass:
@@ -515,33 +515,32 @@ class _Pass:
         lo, hi = np.array(box.lo, np.float64), np.array(box.hi, np.float64)
         self._center, self._radius = 0.5 * (lo + hi), 0.5 * (hi - lo)
         self._main = system.main | every
-        self._lowest, self._highest = np.full(len(lo), np.inf), np.full(len(lo), -np.inf)  # of all vertices
         self.rows: list[Row] = [(*tag, "") for tag in system.tags]
         self._rule = Rule(system.problem, box, self.rows, free)
-        self.known = {frozenset[int](): _Programs(system, self._center, self._radius, columns, self._main)}
-        self.programs = 0
+        self.programs, self.given_away = 0, 0.0
         self.bounds, self.exclusion = list[Bound](), list[Weights]()
 
     def left(self, asked: Sequence[int], loss: float) -> ExactBox | None:
-        """What is left of the box, None for nothing; bounds that gain little, or twice the `loss`, are left out."""
-        worth, proposed = min(_WORTH, 2.0 * loss), list[tuple[int, str, list[Proposed]]]()
-        ends = {(i, side): -1.0 for i in asked for side in ("lo", "hi")}
-        for i, side in ends:
-            met = self._lowest[i] < -1.0 + _MET if side == "lo" else self._highest[i] > 1.0 - _MET
-            idle = self._radius[i] == 0.0 or met
-            family = None if idle else self._family(i, side, frozenset(), self._system.wrong, worth)
-            if family is None:
-                continue
-            value = min(part.value for part in family)
-            if value < math.inf:
-                ends[i, side] = value
-                proposed.append((i, side, family))
-            elif (excluding := self._proved(i, side, family, 0.0)) is not None:
-                self.exclusion = [weights for _, weights in excluding]
-                return None
+        """What is left of the box, None for nothing; bounds that gain little, or twice the `loss`, are left out.
+
+        Both sides have programs of their own, which two threads solve: what they propose depends on no other.
+        """
+        proposed, ends = list[tuple[int, str, list[Proposed]]](), dict.fromkeys(asked, -2.0)  # less what is proposed
+        with ThreadPoolExecutor(2) as threads:
+            of_sides = list(threads.map(partial(self._families, asked, min(_WORTH, 2.0 * loss)), ("lo", "hi")))
+        for side, (families, programs, given_away) in zip(("lo", "hi"), of_sides, strict=True):
+            self.programs, self.given_away = self.programs + programs, given_away
+            for i, family in families:
+                value = min(part.value for part in family)
+                if value < math.inf:
+                    ends[i] += value + 1.0
+                    proposed.append((i, side, family))
+                elif (excluding := self._proved(i, side, family, 0.0)) is not None:
+                    self.exclusion = [weights for _, weights in excluding]
+                    return None
         lo, hi = list(self._box.lo), list(self._box.hi)
         for i, side, family in proposed:
-            given_away = loss * max(-ends[i, "lo"] - ends[i, "hi"], 1e-9) * float(self._radius[i])
+            given_away = loss * max(-ends[i], 1e-9) * float(self._radius[i])
             found = self._proved(i, side, family, given_away)
             if found is None:
                 continue
@@ -552,33 +551,49 @@ class _Pass:
                 own[i] = kept
         return ExactBox(tuple(lo), tuple(hi)) if all(map(le, lo, hi)) else None
 
-    def _family(self, i: int, side: str, without: frozenset[int], wrong: int, worth: float) -> list[Proposed] | None:
-        """What proves a bound whichever are wrong: no such few have weights in all of it. None: it is of no use."""
-        system, sign = self._system, 1.0 if side == "lo" else -1.0
-        if without not in self.known:
-            right = np.array([owner not in without for owner in system.owner], dtype=np.bool_)
-            self.known[without] = _Programs(system, self._center, self._radius, self._columns, self._main & right)
-        programs = self.known[without]
-        solution = programs.engine.minimize(sign * (np.arange(programs.width) == i))
-        self.programs += 1
-        value = math.inf
-        if solution.status is LinearStatus.OPTIMAL:
-            u = solution.point[: len(self._radius)]
-            np.minimum(self._lowest, u, out=self._lowest)
-            np.maximum(self._highest, u, out=self._highest)
-            value = sign * float(u[i])
-        elif solution.status is not LinearStatus.INFEASIBLE:
-            return None
-        if value < worth - 1.0:
-            return None
-        found = [programs.weights(solution, value)]
-        owners = {system.owner[n] for n in found[0].rows} if wrong else set()
-        for owner in sorted(k for k in owners if k is not None):
-            more = self._family(i, side, without | {owner}, wrong - 1, worth)
-            if more is None:
+    def _families(
+        self, asked: Sequence[int], worth: float, side: str
+    ) -> tuple[list[tuple[int, list[Proposed]]], int, float]:
+        """What proves bounds on a side whichever are wrong, up to an exclusion, the number of programs, and what those
+        of all rows give away of products."""
+        system, sign, known, count = self._system, 1.0 if side == "lo" else -1.0, dict[frozenset[int], _Programs](), 0
+
+        def programs(without: frozenset[int]) -> _Programs:
+            if without not in known:
+                right = np.array([owner not in without for owner in system.owner], dtype=np.bool_)
+                known[without] = _Programs(system, self._center, self._radius, self._columns, self._main & right)
+            return known[without]
+
+        def family(i: int, solution: LinearSolution, without: frozenset[int], wrong: int) -> list[Proposed] | None:
+            """Such that no few that may be wrong have weights in all of it. None: it is of no use."""
+            nonlocal count
+            count += 1
+            value = math.inf
+            if solution.status is LinearStatus.OPTIMAL:
+                value = sign * float(solution.point[i])
+            elif solution.status is not LinearStatus.INFEASIBLE:
                 return None
-            found += more
-        return found
+            if value < worth - 1.0:
+                return None
+            found = [programs(without).weights(solution, value)]
+            owners = {system.owner[n] for n in found[0].rows} if wrong else set()
+            for more in (without | {owner} for owner in sorted(k for k in owners if k is not None)):
+                others = programs(more)
+                part = family(i, others.engine.minimize(sign * (np.arange(others.width) == i)), more, wrong - 1)
+                if part is None:
+                    return None
+                found += part
+            return found
+
+        of_all, out = programs(frozenset()), list[tuple[int, list[Proposed]]]()
+        wide = [i for i in asked if self._radius[i] != 0.0]
+        objectives = sign * (np.arange(of_all.width) == np.array(wide, np.intp)[:, None])
+        for k, solution in of_all.engine.each(objectives, np.array(wide, np.intp)):
+            if (found := family(wide[k], solution, frozenset(), system.wrong)) is not None:
+                out.append((wide[k], found))
+                if min(part.value for part in found) == math.inf:
+                    break
+        return out, count, of_all.given_away
 
     def _proved(
         self, i: int, side: str, family: Sequence[Proposed], loss: float
