@@ -146,27 +146,11 @@ class Shift:
                 factors = sorted(1 + i for i in still) + [1 + i + variables for i in beta]
                 pairs[column[beta], column[alpha], tuple(factors) + (0,) * (degree - len(factors))] = ways
         terms = sorted(pairs.items())
-        self.size, self.degree = len(monomials), degree
-        self.beta = np.array([key[0] for key, _ in terms], dtype=np.intp)
-        self.alpha = np.array([key[1] for key, _ in terms], dtype=np.intp)
+        self.degree = degree
+        self.beta, self.alpha = (np.array([key[k] for key, _ in terms], dtype=np.intp) for k in (0, 1))
         self._factors = np.array([key[2] for key, _ in terms], dtype=np.intp).reshape(len(terms), degree)
         self._count = np.array([count for _, count in terms], dtype=np.float64)
         self._least = _UNDERFLOW ** (1.0 / max(degree, 1))  # of factors whose product is no number too small
-
-    def values(self, center: Floats, radius: Floats) -> IntervalArray:
-        """Every term, for exact float64 `center` and `radius`."""
-        vector = np.concatenate([[1.0], center, radius])
-        value = IntervalArray.point(self._count)
-        for k in range(self.degree):
-            value = value * vector[self._factors[:, k]]
-        return value
-
-    def matrix(self, center: Floats, radius: Floats) -> IntervalArray:
-        """T, shape (M, M)."""
-        value = self.values(center, radius)
-        lo, hi = np.zeros((2, self.size, self.size))
-        lo[self.alpha, self.beta], hi[self.alpha, self.beta] = value.lo, value.hi
-        return IntervalArray(lo, hi)
 
     def rounded(self, center: Floats, radius: Floats) -> Floats:
         """Every term, each wrong by at most `degree` roundings."""
@@ -398,9 +382,7 @@ def _guards(system: PolynomialSystem) -> IntervalArray:
 # What follows depends on the monomials alone, which the boxes of one system share.
 
 
-@lru_cache(maxsize=16)
-def _shift(monomials: tuple[Monomial, ...], variables: int) -> Shift:
-    return Shift(monomials, variables)
+_shift = lru_cache(maxsize=16)(Shift)
 
 
 @lru_cache(maxsize=16)

@@ -76,8 +76,7 @@ class Cid(Composable):
         lo[:, component], hi[:, component] = ends[:-1], ends[1:]
         if not isinstance(self._inner, TakesBatches):
             parts = [box.with_bounds(*bounds) for bounds in zip(lo, hi, strict=True)]
-            left = [contracted(self._inner, part, deadline).box for part in parts]
-            return IntervalArray(np.stack([one.lo for one in left]), np.stack([one.hi for one in left]))
+            return Box.stacked(contracted(self._inner, part, deadline).box for part in parts)
         array = IntervalArray(lo, hi)
         for _ in range(_PASSES):
             alive = np.flatnonzero(~array.empty.any(axis=1))

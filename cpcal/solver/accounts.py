@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -137,7 +136,7 @@ def row_use(
 
     `origin`: of each constraint of that one, the number of the constraint that it stands for.
     """
-    size = [math.prod(c.body.shape) for c in network.constraints]
+    size = [c.body.size for c in network.constraints]
     origin = range(len(size)) if origin is None else origin
     left = []
     for name, contractor in named:

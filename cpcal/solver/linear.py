@@ -148,17 +148,12 @@ class Vertex(NamedTuple):
 @compiled
 def coefficients(v: Vertex, constraint: int, out: Floats) -> None:
     """The row of a constraint."""
-    n = v.point.size
     if constraint >= 0:
-        for j in range(n):
-            out[j] = v.rows[j, constraint]
-    else:
-        out[:] = 0.0
-        j = -1 - constraint
-        if j < n:
-            out[j] = -1.0
-        else:
-            out[j - n] = 1.0
+        out[:] = v.rows[:, constraint]
+        return
+    n, j = v.point.size, -1 - constraint
+    out[:] = 0.0
+    out[j % n] = -1.0 if j < n else 1.0
 
 
 @compiled
@@ -193,8 +188,7 @@ def settle(v: Vertex) -> None:
         b = side(v, v.tight[k])
         for j in range(n):
             v.point[j] += b * v.inverse[j, k]
-    for i in range(count):
-        v.slack[i] = v.rhs[i]
+    v.slack[:count] = v.rhs[:count]
     for j in range(n):
         z = v.point[j]
         for i in range(count):
@@ -261,8 +255,7 @@ def times_inverse(v: Vertex, row: Floats, out: Floats) -> None:
 def along(v: Vertex, k: int, out: Floats) -> None:
     """What a unit step along edge k adds to each working row."""
     n, count = v.point.size, v.counters[0]
-    for i in range(count):
-        out[i] = 0.0
+    out[:count] = 0.0
     for j in range(n):
         step = v.inverse[j, k]
         if step != 0.0:
@@ -540,12 +533,10 @@ def _blocking(v: Vertex, k: int, growth: Floats, bland: bool) -> int:
 def _improved(v: Vertex, objective: Floats, limit: int) -> int:
     """The primal phase, from a vertex of the polyhedron: OPTIMAL with its multipliers, or FAILED."""
     n = v.point.size
-    row, alpha, growth = np.empty(n), np.empty(n), np.empty(v.rhs.size)
+    row, alpha, growth, down = np.empty(n), np.empty(n), np.empty(v.rhs.size), -objective
     stalled = 0
     while v.counters[1] < limit:
-        times_inverse(v, objective, v.multipliers)
-        for k in range(n):
-            v.multipliers[k] = -v.multipliers[k]
+        times_inverse(v, down, v.multipliers)
         bland = stalled > _STALLED
         k = _edge(v, bland)
         if k < 0:
@@ -716,13 +707,11 @@ class Dense:
         next to its least value in [-1, 1].
         """
         count, n = objectives.shape
-        reach = np.concatenate([np.full((1, n), np.inf), np.full((1, n), -np.inf)])
-        status, sizes, points = np.zeros(count, np.intp), np.zeros(count, np.intp), np.empty((count, n))
+        reach = np.repeat([[np.inf], [-np.inf]], n, axis=1)
+        (status, sizes), points = np.zeros((2, count), np.intp), np.empty((count, n))
         rows, weights = np.empty((count, n + 1), np.intp), np.empty((count, n + 1))
-        program, out = (
-            (self._vertex, self._columns, self._rhs, objectives, near),
-            (status, points, sizes, rows, weights),
-        )
+        program = self._vertex, self._columns, self._rhs, objectives, near
+        out = status, points, sizes, rows, weights
         together = count if self._columns.size <= _QUICK else 1
         start = 0
         while start < count and not time.monotonic() > deadline:
@@ -825,9 +814,9 @@ class Programs:
         order = [(v, side) for v in sorted(self.columns) for side in ("lo", "hi") if v != first and radius[v] != 0.0]
         if first is not None and first in self.columns and radius[first] != 0.0:
             order = [(first, "lo"), *order, (first, "hi")]  # the vertices before mostly meet the upper bound
-        near, signs = np.array([self.columns[v] for v, _ in order], np.intp), [side == "lo" for _, side in order]
-        objectives = np.zeros((len(order), self.size))
-        objectives[np.arange(len(order)), near] = np.where(signs, 1.0, -1.0)
+        near = np.array([self.columns[v] for v, _ in order], np.intp)
+        asked = [self.unit(v, 1.0 if side == "lo" else -1.0) for v, side in order]
+        objectives = np.array(asked).reshape(len(order), self.size)
         for k, solution in self.engine.each(objectives, near, deadline):
             (variable, side), count = order[k], count + 1
             proof = self.empty(solution) if solution.status is LinearStatus.INFEASIBLE else None

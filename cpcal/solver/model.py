@@ -277,7 +277,7 @@ def _lifts(network: ConstraintNetwork, deadline: float) -> bool:
         return True
     if len(network.names) > _LIFTED_UNKNOWNS:
         linear_time = all(len(c.body.shape) for c in network.constraints)
-        sizes = (math.prod(node.shape) for c in network.constraints for node in topological((c.body,)))
+        sizes = (node.size for c in network.constraints for node in topological((c.body,)))
         largest = max(sizes, default=0)
         if not linear_time or largest * len(network.names) > _LIFTED_COEFFICIENTS:
             return False

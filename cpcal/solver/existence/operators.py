@@ -30,7 +30,7 @@ from cpcal.solver.interval.operations import continuous
 from cpcal.solver.linear import eliminated
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Extremes
-from cpcal.solver.network.sweeps import Program, Reach, all_partials, forward, gradients
+from cpcal.solver.network.sweeps import Program, Reach, all_partials, arguments, forward, gradients
 
 
 def inside(inner: IntervalArray, outer: IntervalArray, columns: Indices) -> bool:
@@ -106,19 +106,19 @@ def linearized(equations: Equations, box: Floats, center: Floats, value: Floats,
     x[0][:n], x[1][:n] = box[:, 0], box[:, 1]
     forward(p, x)
     for k in range(len(p.code)):
-        if not continuous(p.code[k], p.par[k], at(x, p.arg[k, 0]), at(x, p.arg[k, 1])):
+        a, b = arguments(p, x, k)
+        if not continuous(p.code[k], p.par[k], a, b):
             return False
     factors, g = np.empty((len(p.code), 4)), (np.zeros(len(reach.order)), np.zeros(len(reach.order)))
     all_partials(p, x, factors)
     gradients(p, reach, factors, g)
     jacobian[:] = 0.0
-    for r in range(len(p.roots)):
-        for e in range(reach.start[r], reach.start[r + 1]):
-            if reach.order[e] < n:
-                low, high = at(g, e)
-                jacobian[r, reach.order[e], 0], jacobian[r, reach.order[e], 1] = low, high
-                if not (math.isfinite(low) and math.isfinite(high)):
-                    return False
+    for r, e, k in zip(reach.row, reach.entry, reach.leaf):  # noqa: B905 - numba knows no `strict`
+        if k < n:
+            low, high = at(g, e)
+            jacobian[r, k, 0], jacobian[r, k, 1] = low, high
+            if not (math.isfinite(low) and math.isfinite(high)):
+                return False
     x[0][:n], x[1][:n] = center, center
     forward(p, x)
     for r in range(len(p.roots)):

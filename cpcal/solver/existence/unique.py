@@ -38,7 +38,7 @@ class ReadingConstraint:
         self._tape = Tape(network, [self._over, self._under, self._order, constraint.body])
         self._extremes = Extremes(network, constraint.body)
         bounds_read = any("reading" in e.ops for e in (constraint.lower, constraint.upper))
-        self._size = math.prod(constraint.body.shape)
+        self._size = constraint.body.size
         self._usable = self._extremes.exclusive and not bounds_read
 
     def for_all(self, box: IntervalArray) -> Bools:
@@ -86,8 +86,7 @@ def sides(constraint: Constraint) -> list[Expr]:
     An element without any bound asks to be defined: 0 times it.
     """
     rows = one_sided(0, constraint)
-    count = math.prod(constraint.body.shape)
-    bounded = np.zeros(count, dtype=bool)
+    bounded = np.zeros(constraint.body.size, dtype=bool)
     for row in rows:
         bounded[slice(None) if row.elements is None else row.elements] = True
     idle = [] if bounded.all() else [0.0 * constraint.body.reshape(-1)[np.flatnonzero(~bounded)]]
@@ -129,7 +128,7 @@ class Inside:
         """Whether every point of the box is proved to be a solution, in the domain."""
         if box.is_empty or not box.subset(self._domain):
             return False
-        values = IntervalArray(box.lo[None], box.hi[None])
+        values = box.array[None]
         with np.errstate(all="ignore"):
             slots = self._plain.forward(values)
             plain = self._plain.continuous(slots) and highest(self._plain.values(slots)) <= 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import reprlib
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from operator import le
 from typing import Any, ClassVar, NoReturn, Protocol, overload
 
@@ -92,6 +92,12 @@ class Box(HasBounds):
             fill(box, names=names, lo=lower, hi=upper)
             boxes.append(box)
         return boxes
+
+    @staticmethod
+    def stacked(boxes: Iterable[Box]) -> IntervalArray:
+        """The bounds (B, n) of at least one box, all of the same names."""
+        lo, hi = zip(*((box.lo, box.hi) for box in boxes), strict=True)
+        return IntervalArray(np.stack(lo), np.stack(hi))
 
     @classmethod
     def from_dict(cls, bounds: Mapping[str, Interval | Number | tuple[Number, Number]]) -> Box:

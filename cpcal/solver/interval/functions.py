@@ -49,7 +49,6 @@ PIO2, PIO4 = (0.5 * PI[0], 0.5 * PI[1]), (0.25 * PI[0], 0.25 * PI[1])
 ERROR = 2.0**-49  # a bound of every relative error below
 REDUCTION = 2.0**-90  # a bound of the absolute error of an argument reduced by multiples of pi/2
 FARTHEST = 1.6e6  # beyond it sin and cos are only known to lie in [-1, 1]
-TAN_PI_8 = 0.4143
 
 EXP = tuple(1.0 / math.factorial(n) for n in range(14, -1, -1))  # of 1 + r + r^2/2 + ...
 SIN = tuple((-1.0) ** n / math.factorial(2 * n + 1) for n in range(9, 0, -1))  # of (sin r - r) / r^3 in r^2

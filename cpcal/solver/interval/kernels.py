@@ -137,6 +137,12 @@ def rounded_power(m: float, n: int, up: bool) -> float:
 
 
 @compiled
+def signed_power(m: float, n: int, up: bool) -> float:
+    """A bound of m ** n for an odd n and m of either sign."""
+    return rounded_power(m, n, up) if m >= 0.0 else -rounded_power(-m, n, not up)
+
+
+@compiled
 def rounded_root(m: float, n: int, up: bool) -> float:
     """A bound of the n-th root of m >= 0 for n >= 1: a floating-point guess, moved until its n-th power proves it."""
     if m == 0.0 or n == 1 or m == math.inf:
@@ -297,15 +303,13 @@ def power(a: Bounds, n: int) -> Bounds:
         return a
     lo, hi = absolute(a) if n % 2 == 0 else a
     if n > 0:
-        low = rounded_power(lo, n, False) if lo >= 0.0 else -rounded_power(-lo, n, True)
-        return low, rounded_power(hi, n, True) if hi >= 0.0 else -rounded_power(-hi, n, False)
+        return signed_power(lo, n, False), signed_power(hi, n, True)
     if lo == 0.0 == hi:
         return EMPTY
-    if lo >= 0.0:
-        return rounded_power(hi, n, False), rounded_power(lo, n, True) if lo > 0.0 else math.inf
-    if hi <= 0.0:
-        return -rounded_power(-hi, n, True) if hi < 0.0 else -math.inf, -rounded_power(-lo, n, False)
-    return LINE
+    if lo < 0.0 < hi:
+        return LINE
+    low = -math.inf if hi == 0.0 else signed_power(hi, n, False)
+    return low, math.inf if lo == 0.0 else signed_power(lo, n, True)
 
 
 @compiled

@@ -59,7 +59,6 @@ _NAMES = (
     *("exp", "log", "sin", "cos", "tan", "asin", "atan", "atan2"),
 )
 CODES = {name: code for code, name in enumerate(_NAMES)}
-BINARY = frozenset(("add", "sub", "mul", "div", "min", "max", "atan2"))
 
 
 @compiled

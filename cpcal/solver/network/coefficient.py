@@ -161,10 +161,7 @@ def products(a: Arrays, b: Arrays, pairs: Indices, size: int, count: int, square
         counts[m] += 1 + max(p, q)
         one, two, v, g = x.mid[0, i], y.mid[0, j], value[0, m], extent[m]
         _errors(x, y, i, j, twice, error[m])
-        for k in range(count):
-            c = twice * (one[k] * two[k])
-            v[k] += c
-            g[k] += abs(c)
+        _add_slope(one, two, twice, v, g)
         for s in range(1, p):
             if x.moves[s, i]:
                 _add_slope(x.mid[s, i], two, twice, value[s, m], g)

@@ -195,6 +195,7 @@ class Expr:
     # which no other process gives away again.
     digest: bytes = field(init=False)
     depth: int = field(init=False)
+    size: int = field(init=False)  # how many elements
     ops: frozenset[str] = field(init=False)  # of this node and all below
 
     __hash__ = object.__hash__
@@ -203,7 +204,12 @@ class Expr:
         if 0 in self.shape:
             raise ModelError(f"an array of shape {self.shape} has no elements: nothing could be asked of it")
         depth = 1 + max((arg.depth for arg in self.args), default=0)
-        fill(self, depth=depth, ops=frozenset((self.op,)).union(*(arg.ops for arg in self.args)))
+        fill(
+            self,
+            depth=depth,
+            size=math.prod(self.shape),
+            ops=frozenset((self.op,)).union(*(arg.ops for arg in self.args)),
+        )
         if self.data is not _NO_DATA:
             lo = _frozen(self.data.lo)
             fill(self, data=IntervalArray(lo, lo if self.data.hi is self.data.lo else _frozen(self.data.hi)))
@@ -586,7 +592,7 @@ def total(x: Operand, axis: Any = None, keepdims: bool = False) -> Expr:
 
 def _mean(x: Operand, axis: Any = None, keepdims: bool = False) -> Expr:
     whole = total(x, axis, keepdims)
-    return whole / (math.prod(as_expr(x).shape) // math.prod(whole.shape))
+    return whole / (as_expr(x).size // whole.size)
 
 
 def _folded(two: Callable[[Expr, Expr], Expr]) -> _Function:

@@ -145,7 +145,7 @@ class ConstraintNetwork:
     @property
     def places(self) -> dict[bytes, Indices]:
         """Of each variable, by its digest, where its components stand in a box, in its shape."""
-        ends = np.cumsum([0, *(math.prod(leaf.shape) for leaf in self.variables)])
+        ends = np.cumsum([0, *(leaf.size for leaf in self.variables)])
         parts = zip(self.variables, ends, ends[1:], strict=False)
         return {leaf.digest: np.arange(start, end).reshape(leaf.shape) for leaf, start, end in parts}
 
@@ -206,7 +206,7 @@ class ConstraintNetwork:
         return self.__dict__ | {"_made": {}}
 
     def __repr__(self) -> str:
-        count = sum(math.prod(c.body.shape) for c in self._constraints)
+        count = sum(c.body.size for c in self._constraints)
         return f"<{type(self).__name__}: {len(self.names)} unknowns, {count} constraints>"
 
 

@@ -307,10 +307,9 @@ def terms(expr: Expr) -> list[Term]:
             stack.append((-factor, node.args[0]))
         elif node.op == "mul" and node.args[0].is_constant:
             stack.append((factor * node.args[0], node.args[1]))
-        elif node.op == "mul" and node.args[1].is_constant:
-            stack.append((factor * node.args[1], node.args[0]))
-        elif node.op == "div" and node.args[1].is_constant:
-            stack.append((factor / node.args[1], node.args[0]))
+        elif node.op in ("mul", "div") and node.args[1].is_constant:
+            first, known = node.args
+            stack.append((factor * known if node.op == "mul" else factor / known, first))
         else:
             out.append((factor, node))
     return out

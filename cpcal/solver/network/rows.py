@@ -88,7 +88,7 @@ class Rows:
         reading = any("reading" in row.expr.ops for row in rows)
         groups = [[row] for row in rows] if reading else [rows]
         self._parts = [Extremes(network, *(row.expr for row in group), every=every) for group in groups if group]
-        ends = np.cumsum([0, *(math.prod(row.expr.shape) for row in rows)]).tolist()
+        ends = np.cumsum([0, *(row.expr.size for row in rows)]).tolist()
         # of each row its constraint, where its elements stand, and how many there are along the leading axis
         self._blocks = [
             (row.constraint, slice(start, end), math.prod(row.expr.shape[1:]))
@@ -203,7 +203,7 @@ class DecisiveReadings:
         whole: list[ReadingSets] = [{} for _ in tape.roots]
         if not tape.readings:
             return whole
-        slots = tape.forward(IntervalArray(box.lo[None], box.hi[None]))
+        slots = tape.forward(box.array[None])
         if not tape.continuous(slots):  # monotone on either side of a pole is not monotone
             return whole
         g = tape.gradients(slots[0])

@@ -58,10 +58,16 @@ class Reach(NamedTuple):
 
 
 @compiled
+def arguments(p: Program, x: Arrays, k: int) -> tuple[Bounds, Bounds]:
+    """Of operation k."""
+    return at(x, p.arg[k, 0]), at(x, p.arg[k, 1])
+
+
+@compiled
 def forward(p: Program, x: Arrays) -> None:
     """Values of all operations, from the leaves, which are in the slots already."""
     for k in range(len(p.code)):
-        a, b = at(x, p.arg[k, 0]), at(x, p.arg[k, 1])
+        a, b = arguments(p, x, k)
         x[0][p.first + k], x[1][p.first + k] = value(p.code[k], p.par[k], a, b)
 
 
@@ -151,14 +157,16 @@ def contract_all(p: Program, leaves: Arrays, boxes: Arrays) -> None:
 def continuity(p: Program, x: Arrays, out: Bools) -> None:
     """Which operations (P,) are continuous at all points that the slots enclose."""
     for k in range(len(p.code)):
-        out[k] = continuous(p.code[k], p.par[k], at(x, p.arg[k, 0]), at(x, p.arg[k, 1]))
+        a, b = arguments(p, x, k)
+        out[k] = continuous(p.code[k], p.par[k], a, b)
 
 
 @compiled
 def all_partials(p: Program, x: Arrays, out: Floats) -> None:
     """Partial derivatives of every operation over slots: `out` (P, 4)."""
     for k in range(len(p.code)):
-        z, a, b = at(x, p.first + k), at(x, p.arg[k, 0]), at(x, p.arg[k, 1])
+        a, b = arguments(p, x, k)
+        z = at(x, p.first + k)
         (out[k, 0], out[k, 1]), (out[k, 2], out[k, 3]) = partials(p.code[k], p.par[k], z, a, b)
 
 
@@ -243,11 +251,9 @@ def gradients(p: Program, reach: Reach, factors: Floats, out: Arrays) -> None:
 @compiled
 def add_moves(p: Program, reach: Reach, g: Arrays, moves: Arrays, out: Arrays) -> None:
     """Add to `out`, of every root, its derivatives by the readings times the `moves` of constants and readings."""
-    for r in range(len(p.roots)):
-        for e in range(reach.start[r], reach.start[r + 1]):
-            k = reach.order[e]
-            if p.given <= k < p.first:
-                out[0][r], out[1][r] = add(at(out, r), mul(at(g, e), at(moves, k - p.size)))
+    for r, e, k in zip(reach.row, reach.entry, reach.leaf):  # noqa: B905 - numba knows no `strict`
+        if k >= p.given:
+            out[0][r], out[1][r] = add(at(out, r), mul(at(g, e), at(moves, k - p.size)))
 
 
 @compiled

@@ -50,10 +50,9 @@ class Tape:
         """Where the elements of a root stand among those of all roots."""
         start = 0
         for root in self.roots:
-            width = math.prod(root.shape)
             if root.digest == expr.digest:
-                return slice(start, start + width)
-            start += width
+                return slice(start, start + root.size)
+            start += root.size
         raise KeyError(expr)
 
     def leaves(self, readings: ReadingSets | None = None) -> IntervalArray:
@@ -207,7 +206,7 @@ class _Writer:
     def _placed(self, leaves: Iterable[Expr]) -> int:
         """Slots for the elements of some leaves; the slot after them."""
         for leaf in leaves:
-            start, self._next = self._next, self._next + math.prod(leaf.shape)
+            start, self._next = self._next, self._next + leaf.size
             self.slots[leaf.digest] = np.arange(start, self._next, dtype=np.int32).reshape(leaf.shape)
         return self._next
 

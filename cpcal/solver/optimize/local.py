@@ -104,7 +104,7 @@ def fit_of_many(
     Measurements that the fitted point violates more than it may are added, and the fit goes on.
     """
     box = network.domain if domain is None else domain
-    if sum(int(np.prod(c.body.shape)) for c in network.constraints) <= _MANY:
+    if sum(c.body.size for c in network.constraints) <= _MANY:
         return fit(rows, objective, box, start)
     point, chosen = np.asarray(start, np.float64), [np.zeros(0, np.intp)] * len(network.constraints)
     some: Rows | None = None
@@ -187,7 +187,7 @@ class LocalSearch:
         self._deadline, self._domain = deadline, network.domain if domain is None else domain
         self._objective, self._equations = objective, equations
         self._rows = Rows(equations.rest) if equations.count else rows
-        size = sum(int(np.prod(c.body.shape)) for c in network.constraints)
+        size = sum(c.body.size for c in network.constraints)
         self.applies = max(size, len(network.names)) <= _LARGEST and not any(map(reads, network.constraints))
 
     def proposals(self, start: Floats) -> Iterator[Floats]:

@@ -7,7 +7,6 @@ is proved to exist in a tiny box, on which everything else must hold.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -199,7 +198,7 @@ class WitnessProver:
 
     def _excess(self, rows: _Rows, box: IntervalArray, point: Floats) -> tuple[float, bool]:
         """The worst row on a tiny box around the point; and whether one fails that the objective does not enter."""
-        values = IntervalArray(box.lo[None], box.hi[None])
+        values = box[None]
         with np.errstate(all="ignore"):
             plain, stuck = rows.worst(values)
             if stuck or plain == np.inf:
@@ -301,13 +300,12 @@ def verify_point(
         good = (upper_ends(tape.values(slots), tape.count) <= 0.0) & tape.continuous_rows(slots[0])
         for row, sets in zip(one_sided_rows(network), decisive.on(Box(network.names, x, x)), strict=True):
             constraint, elements = constraints[row.constraint], slice(None) if row.elements is None else row.elements
-            size = math.prod(constraint.body.shape)
             if not reads(constraint):
-                met = np.ones(size, dtype=bool)
+                met = np.ones(constraint.body.size, dtype=bool)
                 met[elements] = good[tape.rows(row.expr)]
                 holds &= _by_row(met, constraint, count, every=True)
             values = tape.value(tape.forward(box, sets) if sets else slots, row.expr)
-            violated = np.zeros(size, dtype=bool)
+            violated = np.zeros(constraint.body.size, dtype=bool)
             violated[elements] = np.where(values.empty, -np.inf, values.lo).ravel() > 0.0  # for all readings
             fails |= _by_row(violated, constraint, count, every=False)
         for constraint, one in zip(asked, reading or [ReadingConstraint(network, c) for c in asked], strict=True):

@@ -181,7 +181,7 @@ class Divide:
     def _in_arrays(self, nodes: Sequence[Node]) -> list[Decision]:
         """For contractors that take batches and the strategies of `strategies`; who contracted is not told."""
         names = nodes[0].box.names
-        lo, hi = np.stack([node.box.lo for node in nodes]), np.stack([node.box.hi for node in nodes])
+        lo, hi = Box.stacked(node.box for node in nodes).copied()
         for contractor in self._arrays:
             alive = np.flatnonzero(~np.isnan(lo).any(axis=1))
             if alive.size:
@@ -191,7 +191,7 @@ class Divide:
                 dead = ~(lo <= hi).all(axis=1)
                 lo[dead], hi[dead] = np.nan, np.nan
         boxes = Box.rows(names, lo, hi)
-        lo, hi = np.stack([box.lo for box in boxes]), np.stack([box.hi for box in boxes])
+        lo, hi = Box.stacked(boxes).copied()
         assert isinstance(self._strategy, LargestFirst)
         component, cut = self._strategy.cuts(names, lo, hi)
         rows = np.flatnonzero(component >= 0)

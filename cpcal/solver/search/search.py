@@ -340,10 +340,10 @@ def clusters(boxes: Sequence[Box]) -> npt.NDArray[np.intp]:
     count = len(boxes)
     if count == 0 or len(boxes[0]) == 0:
         return np.zeros(count, dtype=np.intp)
-    lo, hi = np.stack([box.lo for box in boxes]), np.stack([box.hi for box in boxes])
-    by = int(np.argmax([len(np.unique(column)) for column in lo.T]))
-    order = np.argsort(lo[:, by], kind="stable")
-    lo, hi = lo[order], hi[order]
+    bounds = Box.stacked(boxes)
+    by = int(np.argmax([len(np.unique(column)) for column in bounds.lo.T]))
+    order = np.argsort(bounds.lo[:, by], kind="stable")
+    lo, hi = bounds.lo[order], bounds.hi[order]
     ends = np.searchsorted(lo[:, by], hi[:, by], side="right")
     label = np.arange(count)  # of each cluster its first box
     for i in range(count):
@@ -361,10 +361,10 @@ def volume(boxes: Sequence[Box]) -> Interval:
     full = [box for box in boxes if not box.is_empty]
     if not full:
         return Interval(0.0)
-    lo, hi = np.stack([box.lo for box in full]), np.stack([box.hi for box in full])
-    widths = IntervalArray.point(hi) - lo
+    bounds = Box.stacked(full)
+    widths = IntervalArray.point(bounds.hi) - bounds.lo
     product = IntervalArray.point(np.ones(len(full)))
-    for k in range(lo.shape[1]):
+    for k in range(widths.shape[1]):
         product = product * widths[:, k]
     total = product.sum(0)
     return Interval(max(float(total.lo), 0.0), float(total.hi))

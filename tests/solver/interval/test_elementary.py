@@ -83,7 +83,7 @@ CORES: dict[str, tuple[Callable[..., Any], float, float, Callable[[arb], arb], C
         lambda r: r**3 * series(el.SIN, lambda n: Fraction((-1) ** n, factorial(2 * n + 1)), 1, r**2)),
     "cos": (el.cos_core, 0.79, UNIT, lambda r: r.cos(),
         lambda r: r**2 * series(el.COS, lambda n: Fraction((-1) ** n, factorial(2 * n)), 1, r**2)),
-    "atan": (el.atan_core, el.TAN_PI_8, 0.0, lambda t: t.atan(),
+    "atan": (el.atan_core, 0.4143, 0.0, lambda t: t.atan(),
         lambda t: t**3 * series(el.ATAN, lambda n: (-1) ** n * rational(n), 1, t**2)),
 }  # fmt: skip
 
