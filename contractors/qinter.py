@@ -92,7 +92,7 @@ def _least(lo: Floats, hi: Floats, k: int, q: int) -> float:
 
 def _apart(lo: Floats, hi: Floats) -> Bools:
     """Which pairs of boxes have no common point."""
-    apart = np.zeros((len(lo), len(lo)), dtype=bool)
+    apart = np.zeros((len(lo), len(lo)), bool)
     for k in range(lo.shape[1]):
         apart |= lo[:, k][:, None] > hi[:, k][None, :]
     return apart | apart.T

@@ -17,7 +17,7 @@ import numpy as np
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import Bools, Box, Floats, Indices, IntervalArray
 from cpcal.solver.network import PolynomialSystem
-from cpcal.solver.network.polynomial import Monomial
+from cpcal.solver.network.polynomial import Monomial, Monomials
 
 # ------------------------------------------------------------------------------------------------------------------
 # Monomials on a box: columns of linear programs, and the bound products between them.
@@ -55,9 +55,9 @@ def _form(beta: Monomial, delta: Monomial, on_beta: float, on_delta: float, on_g
     return (beta[0], beta[0], 1.0, -1.0) if on_gamma > 0.0 else (beta[0], 0.5 * on_beta)
 
 
-def column_bounds(monomials: tuple[Monomial, ...]) -> IntervalArray:
+def column_bounds(monomials: Monomials) -> IntervalArray:
     """[-1, 1] for every monomial but the constant; [0, 1] for those with even exponents only."""
-    even = np.array([_is_square(m) for m in monomials[1:]], dtype=bool)
+    even = np.array([_is_square(m) for m in monomials[1:]], bool)
     return IntervalArray(np.where(even, 0.0, -1.0), np.ones(len(even)))
 
 
@@ -65,7 +65,7 @@ def _is_square(monomial: Monomial) -> bool:
     return all(count % 2 == 0 for count in Counter(monomial).values())
 
 
-def product_rows(monomials: tuple[Monomial, ...], used: Bools) -> ProductRows:
+def product_rows(monomials: Monomials, used: Bools) -> ProductRows:
     """McCormick, secant and tangent rows of every used column of degree two or more, from all its factorings."""
     column = {m: k - 1 for k, m in enumerate(monomials)}
     rows: list[Floats] = []
@@ -135,7 +135,7 @@ _ETA = 5e-324  # the least number
 class Shift:
     """The matrix T for a list of monomials closed under division, by its terms: products of centres and radii."""
 
-    def __init__(self, monomials: tuple[Monomial, ...], variables: int) -> None:
+    def __init__(self, monomials: Monomials, variables: int) -> None:
         column = {m: k for k, m in enumerate(monomials)}
         degree = max((len(m) for m in monomials), default=0)
         pairs: dict[tuple[int, int, tuple[int, ...]], int] = {}
@@ -147,9 +147,9 @@ class Shift:
                 pairs[column[beta], column[alpha], tuple(factors) + (0,) * (degree - len(factors))] = ways
         terms = sorted(pairs.items())
         self.degree = degree
-        self.beta, self.alpha = (np.array([key[k] for key, _ in terms], dtype=np.intp) for k in (0, 1))
-        self._factors = np.array([key[2] for key, _ in terms], dtype=np.intp).reshape(len(terms), degree)
-        self._count = np.array([count for _, count in terms], dtype=np.float64)
+        self.beta, self.alpha = (np.array([key[k] for key, _ in terms], np.intp) for k in (0, 1))
+        self._factors = np.array([key[2] for key, _ in terms], np.intp).reshape(len(terms), degree)
+        self._count = np.array([count for _, count in terms], np.float64)
         self._least = _UNDERFLOW ** (1.0 / max(degree, 1))  # of factors whose product is no number too small
 
     def rounded(self, center: Floats, radius: Floats) -> Floats:
@@ -339,7 +339,7 @@ class Structure:
         # A monomial whose coefficients all contain zero is bounded, not given a column.
         self._divisors = _divisors(system.monomials)
         self.used = _paying(self._divisors, self.rows.matters[1:], system.monomials[1:])
-        self.linear = np.array([len(m) < 2 for m in system.monomials[1:]], dtype=np.bool_)
+        self.linear = np.array([len(m) < 2 for m in system.monomials[1:]], np.bool_)
         self.bounds = column_bounds(system.monomials)
         self.products = _products(system.monomials, self.used.tobytes())
         self.factors = self.products.matrix != 0.0
@@ -355,7 +355,7 @@ class Structure:
         return [(c, p, k) for (c, k), p in zip(origin, part, strict=True)]
 
 
-def _paying(divisors: Bools, monomials: Bools, degrees: tuple[Monomial, ...]) -> Bools:
+def _paying(divisors: Bools, monomials: Bools, degrees: Monomials) -> Bools:
     """Which monomials get a column: those given and all that divide them; where these are many, the first so-many.
 
     Low degrees come first: on a box of half-width r the others count for r^degree only. Of one degree those that divide
@@ -386,12 +386,12 @@ _shift = lru_cache(maxsize=16)(Shift)
 
 
 @lru_cache(maxsize=16)
-def _products(monomials: tuple[Monomial, ...], used: bytes) -> ProductRows:
+def _products(monomials: Monomials, used: bytes) -> ProductRows:
     return product_rows(monomials, np.frombuffer(used, np.bool_))
 
 
 @lru_cache(maxsize=16)
-def _divisors(monomials: tuple[Monomial, ...]) -> Bools:
+def _divisors(monomials: Monomials) -> Bools:
     """Which monomials (columns) divide which (rows), each itself included; the constant is left out."""
     variables = sorted({i for m in monomials for i in m})
     count = np.array([[m.count(i) for i in variables] for m in monomials[1:]], np.int16)

@@ -12,15 +12,7 @@ import time
 import numpy as np
 
 from contractors.hc4 import HC4
-from cpcal.solver.contract import (
-    Composable,
-    Contraction,
-    Contractor,
-    TakesBatches,
-    contracted,
-    narrowed,
-    shrunk,
-)
+from cpcal.solver.contract import Composable, Contraction, Contractor, TakesBatches, contracted, narrowed, shrunk
 from cpcal.solver.interval import Box, Floats, IntervalArray
 from cpcal.solver.network import ConstraintNetwork
 

@@ -16,9 +16,11 @@ import stat
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, TypeAlias
 
 from cpcal.common.errors import InputError, OutputError, Problem, unusable
+
+StrPath: TypeAlias = str | os.PathLike[str]
 
 DRAFT = re.compile(r"\.[0-9a-f]{24}\.draft")
 _CHOOSE = "choose a place that can be written to"

@@ -27,6 +27,7 @@ Floats: TypeAlias = npt.NDArray[np.float64]
 Bools: TypeAlias = npt.NDArray[np.bool_]
 Indices: TypeAlias = npt.NDArray[np.intp]
 Ints: TypeAlias = npt.NDArray[np.int64]
+Shape: TypeAlias = tuple[int, ...]
 
 LARGEST = 1e12  # mm: no robot is larger, and no square of such a number overflows
 _REAL = "fiuSUO"  # kinds of numpy arrays that a user's real numbers come in; texts and objects are parsed

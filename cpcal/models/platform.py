@@ -496,10 +496,10 @@ class _Dividing:
 
     def all(self, nodes: Sequence[Node]) -> list[Decision]:
         """Each is cut in two along its longest side, where that may lower the worst bound."""
-        lo, hi = np.stack([node.box.lo for node in nodes]), np.stack([node.box.hi for node in nodes])
+        boxes = Box.stacked(node.box for node in nodes)
         worth = np.array([node.state.worth for node in nodes])
-        cut = np.flatnonzero((worth > (1.0 + self._gap) * self.attained) & (hi > lo).any(axis=1))
-        halves = self.pieces(_halves(IntervalArray(lo[cut], hi[cut]))) if cut.size else []
+        cut = np.flatnonzero((worth > (1.0 + self._gap) * self.attained) & (boxes.hi > boxes.lo).any(axis=1))
+        halves = self.pieces(_halves(boxes[cut])) if cut.size else []
         self.highest_kept = max(self.highest_kept, float(np.delete(worth, cut).max(initial=0.0)))
         found = {int(k): (EventKind.SPLIT, (halves[i], halves[len(cut) + i])) for i, k in enumerate(cut)}
         return [

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpcal.common.numbers import at_least, gap_text
-from cpcal.solver.contract import Contractor, Verdict, elements
+from cpcal.solver.contract import Named, Verdict, elements
 from cpcal.solver.interval import Box
 
 if TYPE_CHECKING:
@@ -34,7 +34,10 @@ class ContractorUse:
     certified_steps: int = 0
 
 
-def total_use(one: tuple[ContractorUse, ...], two: tuple[ContractorUse, ...]) -> tuple[ContractorUse, ...]:
+Uses = tuple[ContractorUse, ...]
+
+
+def total_use(one: Uses, two: Uses) -> Uses:
     """The sum, contractor by contractor; nobody is ()."""
     if not (one and two):
         return one or two
@@ -129,9 +132,7 @@ class RowUse:
         return "; ".join(parts)
 
 
-def row_use(
-    network: ConstraintNetwork, named: Sequence[tuple[str, Contractor]], origin: Sequence[int] | None = None
-) -> RowUse:
+def row_use(network: ConstraintNetwork, named: Sequence[Named], origin: Sequence[int] | None = None) -> RowUse:
     """Of the contractors of a search, with their names, which were built for the network or for one made of it.
 
     `origin`: of each constraint of that one, the number of the constraint that it stands for.

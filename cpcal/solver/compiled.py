@@ -34,7 +34,7 @@ from functools import cache, update_wrapper
 from pathlib import Path
 from threading import RLock
 from types import FunctionType, ModuleType
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from cpcal.common.files import exclusive
 
@@ -42,7 +42,8 @@ QUIET = "CPCAL_QUIET"  # of the environment: set, compilation is not announced
 LONGEST = 120.0  # seconds to wait for another process
 _PAUSE = 0.05
 
-F = TypeVar("F", bound=Callable[..., Any])
+Function: TypeAlias = Callable[..., Any]
+F = TypeVar("F", bound=Function)
 
 _stamps: dict[str, str] = {}  # of every module with compiled functions
 _compiling = 0  # kernels that this process has compiled
@@ -73,10 +74,10 @@ class Compiled:
     numba sees the functions that it calls as they are in their modules, themselves compiled.
     """
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Function) -> None:
         update_wrapper(self, function)
         self.py_func = function
-        self._made: dict[bool, Callable[..., Any]] = {}  # for Python, and for compiled functions
+        self._made: dict[bool, Function] = {}  # for Python, and for compiled functions
         _stamp(function)  # now, while the module's globals are what the function's file puts before it
 
     def __call__(self, *args: Any) -> Any:
@@ -85,7 +86,7 @@ class Compiled:
     def __reduce__(self) -> str:
         return self.py_func.__qualname__
 
-    def made(self, linked: bool) -> Callable[..., Any]:
+    def made(self, linked: bool) -> Function:
         """The dispatcher, one for Python and one to be `linked`; the plain function where numba is missing."""
         with _making:
             if linked not in self._made:
@@ -107,7 +108,7 @@ def compiled(function: F) -> F:
     return Compiled(function)  # type: ignore[return-value]
 
 
-def _made(function: Callable[..., Any], linked: bool) -> tuple[Callable[..., Any], Callable[[], None]]:
+def _made(function: Function, linked: bool) -> tuple[Function, Callable[[], None]]:
     """The dispatcher, and what links the compiled functions that it calls, which only a compilation needs."""
     try:
         import numba
@@ -142,7 +143,7 @@ def in_python(module: ModuleType) -> dict[str, Any]:
     return scope
 
 
-def _keep(dispatcher: Any, function: Callable[..., Any], link: Callable[[], None]) -> None:
+def _keep(dispatcher: Any, function: Function, link: Callable[[], None]) -> None:
     """Let numba keep the machine code in a folder of ours, under a stamp of ours."""
     from numba.core.compiler_lock import global_compiler_lock
 
@@ -191,7 +192,7 @@ def _linking(outermost: str, context: Any) -> Iterator[None]:
         del codegen.create_library, context.get_executable
 
 
-def _machine_code(function: Callable[..., Any], link: Callable[[], None]) -> Any:
+def _machine_code(function: Function, link: Callable[[], None]) -> Any:
     """What numba asks for the machine code of a function, and gives it to: one file for each signature."""
     import numba
     from numba.core import caching, compiler, serialize
@@ -305,7 +306,7 @@ def _wait(descriptor: int, name: str) -> None:
             return
 
 
-def _stamp(function: Callable[..., Any]) -> str:
+def _stamp(function: Function) -> str:
     """A digest of a function's file, of the numbers that it imports, and of the files that it imports kernels from."""
     module = function.__module__
     if module not in _stamps:

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from cpcal.solver.network import ConstraintNetwork
 
 
+Row = tuple[int, int]  # constraint, element
+
+
 class Verdict(Enum):
     """What is known of a statement. `UNKNOWN` is never reported as a proof.
 
@@ -63,7 +66,7 @@ class Step:
     variable: str | None
     side: str
     bound: float
-    rows: tuple[tuple[int, int], ...] = ()
+    rows: tuple[Row, ...] = ()
     weights: StepWeights | None = None
 
 
@@ -92,6 +95,9 @@ class Contractor(Protocol):
     gives_weights: bool
 
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction: ...
+
+
+Named = tuple[str, Contractor]  # what it is called in results
 
 
 @runtime_checkable

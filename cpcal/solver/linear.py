@@ -13,10 +13,8 @@ import numpy as np
 
 from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.compiled import compiled
-from cpcal.solver.contract import Contraction, Step, StepWeights
+from cpcal.solver.contract import Contraction, Row, Step, StepWeights
 from cpcal.solver.interval import Box, IntervalArray
-
-Row = tuple[int, int]  # constraint, element
 
 
 class LinearStatus(Enum):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
@@ -21,7 +20,7 @@ from flint import Ordering, fmpz_mpoly_ctx, fmpz_mpoly_vec
 
 from cpcal.common import numbers
 from cpcal.common.errors import ModelError
-from cpcal.common.files import listed
+from cpcal.common.files import StrPath, listed
 from cpcal.common.numbers import stated
 from cpcal.common.values import Floats
 from cpcal.solver import plugins
@@ -33,6 +32,7 @@ from cpcal.solver.contract import (
     Contraction,
     Contractor,
     Limits,
+    Named,
     Strategy,
     StrategyFactory,
     Then,
@@ -55,7 +55,7 @@ from cpcal.solver.search import (
     Contender,
     Contracting,
     Divide,
-    Event,
+    Observer,
     Paving,
     Race,
     Search,
@@ -435,14 +435,14 @@ class Network(ConstraintNetwork):
         limits: Limits | None = None,
         time_limit: float | None = None,
         node_limit: int | None = None,
-        progress: Callable[[Event], None] | None = None,
+        progress: Observer | None = None,
         strategy: str | Strategy | None = None,
         order: str = "depth",
         inner: bool = False,
         workers: int | None = None,
         scheduler: str | None = None,
         executor: Executor | Client | None = None,
-        checkpoint: str | os.PathLike[str] | None = None,
+        checkpoint: StrPath | None = None,
         resume: bool = False,
     ) -> Paving:
         """Boxes, of components no wider than `width`, that hold all solutions. Ctrl-C ends it early, cleanly.
@@ -479,12 +479,12 @@ class Network(ConstraintNetwork):
         if order not in ORDERS:
             raise ModelError(f"no order is called {order!r}; there are: {', '.join(ORDERS)}")
         priority, inside = ORDERS[order], Inside(network) if inner else None
-        built: dict[SearchMethod, list[tuple[str, Contractor]]] = {}
+        built: dict[SearchMethod, list[Named]] = {}
         options = (contractors, strategy, order, inner, width)
         of = {} if checkpoint is None else checkpoint_of(network, options)
         keeper = Checkpoint(checkpoint, of, resume=resume)
 
-        def contracting(method: SearchMethod) -> list[tuple[str, Contractor]]:
+        def contracting(method: SearchMethod) -> list[Named]:
             names = method.contractors if chooses else DEFAULT_CONTRACTORS if contractors is None else contractors
             rows = copy(network)
             rows.add(choice.consequences if method.consequences else ())
@@ -532,12 +532,12 @@ class Network(ConstraintNetwork):
         start: npt.ArrayLike | None = None,
         progress: Callable[[Bracket], None] | None = None,
         relax: float = 0.0,
-        certificate: str | os.PathLike[str] | None = None,
+        certificate: StrPath | None = None,
         about: str = "",
         workers: int | None = None,
         scheduler: str | None = None,
         executor: Executor | Client | None = None,
-        checkpoint: str | os.PathLike[str] | None = None,
+        checkpoint: StrPath | None = None,
         resume: bool = False,
     ) -> Minimum:
         """The smallest value of `objective`, a scalar expression over this network, bracketed by proofs.

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cpcal.common.errors import ClashError, PluginError
-from cpcal.solver.contract import Contractor
+from cpcal.solver.contract import Contractor, Named
 
 if TYPE_CHECKING:
     from cpcal.solver.network import ConstraintNetwork
@@ -128,7 +128,7 @@ def build_each(
     names: Sequence[str | Contractor],
     *,
     objective: str | None = None,
-) -> list[tuple[str, Contractor]]:
+) -> list[Named]:
     """The named contractors (or those given) for a network, at least one, with what they are called in results: the
     name that one was asked for by, or its class. Raises PluginError."""
     check_names(names)

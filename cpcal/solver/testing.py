@@ -20,11 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.common.values import Floats
-from cpcal.solver.contract import (
-    Contraction,
-    Contractor,
-    ContractorFactory,
-)
+from cpcal.solver.contract import Contraction, Contractor, ContractorFactory
 from cpcal.solver.interval import Box, Interval
 from cpcal.solver.network import ConstraintNetwork, maximum, minimum, norm, sqr, sqrt
 

@@ -58,6 +58,9 @@ def free(_: int) -> None:
     """Work that nobody limits."""
 
 
+Sides = dict[tuple[int, int], tuple[str, Sequence[int]]]
+
+
 @dataclass(frozen=True)
 class Statement:
     """A problem, and how a certificate states it.
@@ -69,7 +72,7 @@ class Statement:
 
     problem: Problem
     head: Mapping[str, Any]
-    sides: Mapping[tuple[int, int], tuple[str, Sequence[int]]]
+    sides: Sides
     items: tuple[Stated, ...] = ()
 
     def place(self, constraint: int, part: int, element: int) -> tuple[str, int]:
@@ -101,9 +104,7 @@ def stated_leg(
     return Statement(problem, head, leg_sides(problem, problem.count - len(forms), only))
 
 
-def leg_sides(
-    problem: Problem, count: int, only: tuple[int, ...] | None, first: int = 0
-) -> dict[tuple[int, int], tuple[str, Sequence[int]]]:
+def leg_sides(problem: Problem, count: int, only: tuple[int, ...] | None, first: int = 0) -> Sides:
     """Where the rows of a leg's network of `count` measurements stand; its third constraint is of the leg's forms,
     from number `first` on.
 
@@ -154,7 +155,7 @@ def network_statement(network: ConstraintNetwork, objective: str | None, about: 
     """The network's constraints, element by element, exactly. Raises NotStated."""
     items: list[Stated] = []
     constraints: list[Constraint] = []
-    sides: dict[tuple[int, int], tuple[str, Sequence[int]]] = {}
+    sides: Sides = {}
     exact = ExactPolynomials(network)
     for c, constraint in enumerate(network.constraints):
         try:
@@ -204,7 +205,7 @@ def _stated(name: str, constraint: NetworkConstraint, exact: ExactPolynomials) -
             raise NotStated("the factor of the square root changes its sign")
     bounds = ((upper, constraint.upper, np.inf), (lower, constraint.lower, -np.inf))
     rows = [r for own, bound, none in bounds if bound.op != "constant" or (bound.data.lo != none).any() for r in own]
-    elements = [np.broadcast_to(np.asarray(p, dtype=object), shape).ravel() for p in (body, low, high)]
+    elements = [np.broadcast_to(np.asarray(p, object), shape).ravel() for p in (body, low, high)]
     checked = [[None if p is None else _checked(p) for p in part] for part in elements]
     items = [Stated(f"{name}[{k}]", root is not None, *parts) for k, parts in enumerate(zip(*checked, strict=True))]
     return items, rows
@@ -215,7 +216,7 @@ def _bound(bound: Expr, exact: ExactPolynomials, shape: tuple[int, ...]) -> Obje
     if np.isinf(bound.data.lo).any():
         if not bool(np.all(bound.data.lo == bound.data.hi)):
             raise NotStated("a bound is known to an interval only")
-        return np.asarray(_numbers(np.broadcast_to(bound.data.lo, shape)), dtype=object)
+        return np.asarray(_numbers(np.broadcast_to(bound.data.lo, shape)), object)
     return exact.of(bound)
 
 
@@ -271,7 +272,7 @@ class ExactPolynomials:
 
     def __init__(self, network: ConstraintNetwork) -> None:
         places = network.places.items()
-        self._known: dict[bytes, Objects] = {leaf: np.asarray(_unknowns(k), dtype=object) for leaf, k in places}
+        self._known: dict[bytes, Objects] = {leaf: np.asarray(_unknowns(k), object) for leaf, k in places}
 
     def of(self, root: Expr) -> Objects:
         """Raises NotStated."""

@@ -112,17 +112,17 @@ def _plan(model: str, reads: bool, side: str) -> _Plan:
     powers = [_exponents(m) for m in places]
     readings = [_exponents(m & of_readings) for m in places]
     return _Plan(
-        notes=np.array(sums, dtype=np.intp).reshape(-1, 3),
-        places=np.array(list(places.values()), dtype=np.intp),
-        fixed=np.array(list(fixed), dtype=np.intp),
-        numbers=np.array(list(fixed.values()), dtype=np.float64),
+        notes=np.array(sums, np.intp).reshape(-1, 3),
+        places=np.array(list(places.values()), np.intp),
+        fixed=np.array(list(fixed), np.intp),
+        numbers=np.array(list(fixed.values()), np.float64),
         size=trace.count + len(trace.notes),
         monomials=tuple(kept),
-        first=np.array([found[0][0] if found else -1 for found in readings], dtype=np.intp),
-        odd=np.array([sum(1 << f for f, power in found if power % 2) for found in powers], dtype=np.intp),
-        alone=np.array([[power for _, power in found] == [1] for found in powers], dtype=np.bool_),
-        linear=np.array([f[0][0] if [power for _, power in f] == [1] else -1 for f in readings], dtype=np.intp),
-        kept=np.array([number.get(m, -1) for m in places], dtype=np.intp),
+        first=np.array([found[0][0] if found else -1 for found in readings], np.intp),
+        odd=np.array([sum(1 << f for f, power in found if power % 2) for found in powers], np.intp),
+        alone=np.array([[power for _, power in found] == [1] for found in powers], np.bool_),
+        linear=np.array([f[0][0] if [power for _, power in f] == [1] else -1 for f in readings], np.intp),
+        kept=np.array([number.get(m, -1) for m in places], np.intp),
     )
 
 
@@ -284,7 +284,7 @@ class FloatRule:
         others = [n for n in new if n not in legs]
         self._rule.form(others)
         for n, row in [*swept, *((n, _rounded(self._rule.row[n])) for n in others)]:
-            self._rows[n] = np.array([self._column(m) for m in row.monomials], dtype=np.intp), row.values, row.error
+            self._rows[n] = np.array([self._column(m) for m in row.monomials], np.intp), row.values, row.error
 
     def _leg(self, n: int) -> LegConstraint | None:
         """The constraint of a row that can be swept in float64."""

@@ -317,10 +317,10 @@ class System:
             unit = 1 << max((c.bit_length() for c in terms.values()), default=0)
             row[[place[m] for m in terms]] = [c / unit for c in terms.values()]
         self.constant, self.linear, self.products = values[:, 0], values[:, 1 : size + 1], values[:, size + 1 :]
-        self.pairs = np.array(products, dtype=np.intp).reshape(-1, 2)
+        self.pairs = np.array(products, np.intp).reshape(-1, 2)
         own = np.isin(self.pairs, list(derived)).any(axis=1)
         self.main: Bools = np.logical_not(self.linear[:, list(derived)].any(axis=1) | self.products[:, own].any(axis=1))
-        self.lifted = np.array([lifted(int(i), int(j)) for i, j in self.pairs], dtype=np.bool_)
+        self.lifted = np.array([lifted(int(i), int(j)) for i, j in self.pairs], np.bool_)
         self.square = self.pairs[:, 0] == self.pairs[:, 1]
 
     def centred(self, center: Floats, radius: Floats) -> tuple[Floats, Floats, Floats]:
@@ -560,7 +560,7 @@ class _Pass:
 
         def programs(without: frozenset[int]) -> _Programs:
             if without not in known:
-                right = np.array([owner not in without for owner in system.owner], dtype=np.bool_)
+                right = np.array([owner not in without for owner in system.owner], np.bool_)
                 known[without] = _Programs(system, self._center, self._radius, self._columns, self._main & right)
             return known[without]
 

@@ -25,7 +25,7 @@ from cpcal.checker.rule import Box as ExactBox
 from cpcal.checker.rule import Problem, Unknowns
 from cpcal.common import errors
 from cpcal.common.errors import InputError
-from cpcal.common.files import replacing
+from cpcal.common.files import StrPath, replacing
 from cpcal.solver.accounts import ContractorUse
 from cpcal.solver.certificate.exact_network import Statement, exact_box, number
 from cpcal.solver.certificate.float_rows import at_point, failing, stretchings
@@ -63,7 +63,7 @@ def check_affordable(where: str, lines: BinaryIO, problem: Problem, domain: Box,
     counted = Lines(lines, Budget(most))
     root = exact_box(domain)
 
-    def formed(header: dict[str, Any]) -> tuple[Problem, ExactBox]:
+    def formed(header: Line) -> tuple[Problem, ExactBox]:
         return (problem, root) if "campaign" in header else problem_of(header, counted, Path(where), None)
 
     try:
@@ -135,13 +135,13 @@ class Recording(AbstractContextManager["Recording"]):
             except OSError as error:
                 self._lost = error
 
-    def saved(self) -> Iterator[dict[str, Any]]:
+    def saved(self) -> Iterator[Line]:
         """All that was taken down, as lines of JSON, for `restore`."""
         yield {"calls": "boxes by serial"}
         self._steps.seek(0)
         yield from ({"step": text} for text in self._steps)
 
-    def restore(self, lines: Iterable[dict[str, Any]]) -> None:
+    def restore(self, lines: Iterable[Line]) -> None:
         """Stand where another recording of the same search stood. Raises KeyError, TypeError, ValueError."""
         head, *steps = lines
         if head != {"calls": "boxes by serial"}:
@@ -157,7 +157,7 @@ class Recording(AbstractContextManager["Recording"]):
         """With the number of steps that the certificate written last holds of each."""
         return tuple(replace(use, certified_steps=self._written[use.name]) for use in uses)
 
-    def _useful_steps(self, cap: float | None) -> Iterator[dict[str, Any]]:
+    def _useful_steps(self, cap: float | None) -> Iterator[Line]:
         """The steps on boxes that reach down to `cap`, their boxes named in order."""
         names, fresh = {0: 0}, 1  # of the boxes that are open
         self._written.clear()
@@ -179,7 +179,7 @@ class Recording(AbstractContextManager["Recording"]):
             self._written[contractor] += len(step["bounds"]) if kind == "pass" else 1
             yield step
 
-    def write(self, path: str | os.PathLike[str], claims: Claims) -> Path:
+    def write(self, path: StrPath, claims: Claims) -> Path:
         """The certificate, all or nothing. Raises UncheckableError where the checker would refuse it, InputError where
         it cannot be written, or its steps could not."""
         if not self.whole:
@@ -244,7 +244,7 @@ class SearchKeeper(Checkpoint):
 
     def __init__(
         self,
-        path: str | os.PathLike[str] | None,
+        path: StrPath | None,
         of: Mapping[str, str],
         recording: Recording | None,
         *,
@@ -303,7 +303,7 @@ class UncertifiedError(InputError):
     answer: Minimum
 
 
-def certified(recording: Recording, path: str | os.PathLike[str], found: Minimum, domain: Box, name: str) -> Minimum:
+def certified(recording: Recording, path: StrPath, found: Minimum, domain: Box, name: str) -> Minimum:
     """What was found, once its certificate is written and checked. Raises UncertifiedError.
 
     A certificate says of a point that it satisfies every constraint exactly. A point that only stands for a solution of

@@ -13,7 +13,6 @@ import gzip
 import hashlib
 import json
 import logging
-import os
 import time
 import zlib
 from collections.abc import Callable, Iterable, Mapping
@@ -22,7 +21,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from cpcal.common.errors import CpcalError, InputError, unusable
-from cpcal.common.files import replacing, unwritable
+from cpcal.common.files import StrPath, replacing, unwritable
 
 FORMAT = "cpcal-checkpoint/1"
 SIZE_MAX = 2**31  # bytes, unpacked
@@ -93,7 +92,7 @@ class Checkpoint:
     resume  begin where the file says, if there is one
     """
 
-    def __init__(self, path: str | os.PathLike[str] | None, of: Mapping[str, str], *, resume: bool) -> None:
+    def __init__(self, path: StrPath | None, of: Mapping[str, str], *, resume: bool) -> None:
         self._path, self._of, self._resume = None if path is None else Path(path), of, resume
         self._next = time.monotonic() + _EVERY
         self._lines: Callable[[], Iterable[Line]] | None = None

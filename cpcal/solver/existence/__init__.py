@@ -9,10 +9,7 @@ the infinity that proves nothing (`upper_ends`), because `max(-inf, nan)` is -in
 row at all (`sides`).
 """
 
-from cpcal.solver.existence.operators import (
-    Equalities,
-    newton_all,
-)
+from cpcal.solver.existence.operators import Equalities, newton_all
 from cpcal.solver.existence.unique import (
     Inside,
     ReadingConstraint,

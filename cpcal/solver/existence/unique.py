@@ -86,7 +86,7 @@ def sides(constraint: Constraint) -> list[Expr]:
     An element without any bound asks to be defined: 0 times it.
     """
     rows = one_sided(0, constraint)
-    bounded = np.zeros(constraint.body.size, dtype=bool)
+    bounded = np.zeros(constraint.body.size, bool)
     for row in rows:
         bounded[slice(None) if row.elements is None else row.elements] = True
     idle = [] if bounded.all() else [0.0 * constraint.body.reshape(-1)[np.flatnonzero(~bounded)]]
@@ -290,7 +290,7 @@ def prove_unique(network: ConstraintNetwork, where: Box | Sequence[float] | Floa
     Raises ModelError for a point of another dimension.
     """
     if not isinstance(where, Box):
-        point = np.asarray(where, dtype=np.float64)
+        point = np.asarray(where, np.float64)
         if point.shape != (len(network.names),):
             raise ModelError(f"a point of this network has {len(network.names)} components, not shape {point.shape}")
         where = Box(network.names, point, point)

@@ -1,7 +1,7 @@
 """Values: intervals and boxes."""
 
-from cpcal.common.values import Bools, Floats, Indices, Ints
+from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.interval.box import Box
 from cpcal.solver.interval.numbers import Interval, IntervalArray
 
-__all__ = ["Bools", "Box", "Floats", "Indices", "Interval", "IntervalArray", "Ints"]
+__all__ = ["Bools", "Box", "Floats", "Indices", "Interval", "IntervalArray"]

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
-from cpcal.common.values import Bools, Floats, fill
+from cpcal.common.values import Bools, Floats, Shape, fill
 from cpcal.solver.interval.numbers import (
     HasBounds,
     Interval,
@@ -34,7 +34,7 @@ class Variable(Protocol):
     @property
     def name(self) -> str: ...
     @property
-    def shape(self) -> tuple[int, ...]: ...
+    def shape(self) -> Shape: ...
 
 
 class Box(HasBounds):

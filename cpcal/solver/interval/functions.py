@@ -114,8 +114,6 @@ def widened(v: float) -> Bounds:
 
 @compiled
 def exp_at(x: float) -> Bounds:
-    if x != x:
-        return x, x
     if x > 709.7:
         return MAX if x > 709.79 else 8.1e307, math.inf
     if x < -745.2:

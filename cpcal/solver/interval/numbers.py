@@ -17,21 +17,10 @@ import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
 from cpcal.common.numbers import rounded_down, rounded_up
-from cpcal.common.values import Bools, Floats, fill
+from cpcal.common.values import Bools, Floats, Shape, fill
 from cpcal.solver.compiled import in_python
 from cpcal.solver.interval import kernels
-from cpcal.solver.interval.operations import (
-    ADD,
-    DIV,
-    MUL,
-    NEG,
-    SQR,
-    SQRT,
-    SUB,
-    elementwise,
-    products,
-    totals,
-)
+from cpcal.solver.interval.operations import ADD, DIV, MUL, NEG, SQR, SQRT, SUB, elementwise, products, totals
 
 Number: TypeAlias = int | float | Rational | SupportsFloat
 
@@ -110,11 +99,11 @@ def _as_array(values: object) -> np.ndarray[Any, Any]:
     if hasattr(values, "__array__"):
         return np.asarray(values)
     if not isinstance(values, Sequence) or isinstance(values, (str, bytes)):
-        scalar = np.empty((), dtype=object)
+        scalar = np.empty((), object)
         scalar[()] = values
         return scalar
     try:
-        array = np.array(values, dtype=object)
+        array = np.array(values, object)
     except ValueError as error:
         raise ModelError(f"{reprlib.repr(values)} is no array: {error}") from None
     plain = all(type(v) is float for v in array.ravel().tolist())
@@ -266,7 +255,7 @@ class IntervalArray(HasBounds):
         return cls(lo, hi)
 
     @property
-    def shape(self) -> tuple[int, ...]:
+    def shape(self) -> Shape:
         return self.lo.shape
 
     @property
@@ -286,10 +275,10 @@ class IntervalArray(HasBounds):
     def __getitem__(self, index: Any) -> IntervalArray:
         return IntervalArray(self.lo[index], self.hi[index])
 
-    def reshape(self, shape: tuple[int, ...]) -> IntervalArray:
+    def reshape(self, shape: Shape) -> IntervalArray:
         return IntervalArray(self.lo.reshape(shape), self.hi.reshape(shape))
 
-    def broadcast_to(self, shape: tuple[int, ...]) -> IntervalArray:
+    def broadcast_to(self, shape: Shape) -> IntervalArray:
         if self.lo.shape == shape:
             return self
         lo = np.broadcast_to(self.lo, shape)
@@ -447,7 +436,7 @@ class Interval:
         return f"[{lo}, {hi}]"
 
 
-def _computed(kernel: str, *operands: Interval, n: tuple[int, ...] = ()) -> Interval:
+def _computed(kernel: str, *operands: Interval, n: Shape = ()) -> Interval:
     """By a kernel in plain Python, without numba."""
     bounds = [(np.float64(x.lo), np.float64(x.hi)) for x in operands]
     with np.errstate(all="ignore"):

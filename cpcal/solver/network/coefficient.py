@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common.values import Bools, Floats, Indices
+from cpcal.common.values import Bools, Floats, Indices, Shape
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import IntervalArray
 from cpcal.solver.interval.kernels import Arrays, add, at
@@ -35,18 +35,18 @@ def term_products(x: IntervalArray, y: IntervalArray, pairs: Indices, size: int,
     return IntervalArray(lo, hi).reshape((*lo.shape[:2], *shape))
 
 
-def _alike(x: IntervalArray, y: IntervalArray) -> tuple[Arrays, Arrays, tuple[int, ...]]:
+def _alike(x: IntervalArray, y: IntervalArray) -> tuple[Arrays, Arrays, Shape]:
     """Both as `centred` takes them, and the shape that their elements have together."""
     shape = x.shape[2:] if x.shape[2:] == y.shape[2:] else np.broadcast_shapes(x.shape[2:], y.shape[2:])
     return _terms(x, shape), _terms(y, shape), shape
 
 
-def _shaped(c: IntervalArray, size: tuple[int, ...]) -> Arrays:
+def _shaped(c: IntervalArray, size: Shape) -> Arrays:
     lo = np.ascontiguousarray(c.lo).reshape(size)
     return lo, lo if c.hi is c.lo else np.ascontiguousarray(c.hi).reshape(size)
 
 
-def _terms(x: IntervalArray, shape: tuple[int, ...]) -> Arrays:
+def _terms(x: IntervalArray, shape: Shape) -> Arrays:
     """Bounds (1 + J, T, E) of elements of a shape, or (1 + J, T, 1) where all are the same."""
     if math.prod(x.shape[2:]) == 1 and x.shape[2:] != shape:
         return _shaped(x, (*x.shape[:2], 1))

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
-from cpcal.common.values import Indices, fill
+from cpcal.common.values import Indices, Shape, fill
 from cpcal.solver.interval import Interval, IntervalArray
 from cpcal.solver.interval.box import has_points
 from cpcal.solver.interval.functions import PIO2
@@ -52,7 +52,7 @@ def _frozen(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return array
 
 
-def positions(shape: tuple[int, ...]) -> npt.NDArray[np.int64]:
+def positions(shape: Shape) -> npt.NDArray[np.int64]:
     """The flat index of every element."""
     return np.arange(int(np.prod(shape, dtype=np.int64))).reshape(shape)
 
@@ -87,7 +87,6 @@ def folded(root: Expr, value: Callable[[Expr, list[T]], T], known: dict[bytes, T
 
 
 Operand = Union["Expr", float, int, Fraction, Interval, IntervalArray, npt.NDArray[Any], list[Any], tuple[Any, ...]]
-Shape = tuple[int, ...]
 
 SELECTS = 1  # parameter of a "mul" by zeros and ones: 0 wherever the factor is 0, also where the other is not defined
 _LEVELS = 64  # levels of a deep expression that pickle may follow by recursion
@@ -289,7 +288,7 @@ class Expr:
             raise ModelError(f"index {index!r} does not fit shape {self.shape}: {error}") from None
 
     def _gathered(self, positions: Any) -> Expr:
-        flat = np.asarray(positions, dtype=np.intp)
+        flat = np.asarray(positions, np.intp)
         return Expr("index", (self,), flat.shape, places=flat)
 
     def __len__(self) -> int:
@@ -341,7 +340,7 @@ class Expr:
     def __str__(self) -> str:
         """As mathematics; arrays of numbers by their shape."""
 
-        def written(node: Expr, args: list[tuple[str, int]]) -> tuple[str, int]:
+        def written(node: Expr, args: list[Written]) -> Written:
             said, rank = _written(node, args)
             half = _LONGEST // 2
             return (f"{said[:half]} ... {said[-half:]}" if len(said) > _LONGEST else said), rank
@@ -429,14 +428,15 @@ def _constant(value: Operand) -> Expr:
 # ------------------------------------------------------------------------------------------------------------------
 # Expressions, constraints and networks as mathematics: `sqrt(x[0]^2 + x[1]^2) - 5 = 0`.
 
+Written = tuple[str, int]  # and how tightly it binds
+
 _LONGEST = 400  # characters of one expression: what is longer is cut in its middle
 _SIGNS = {"add": " + ", "sub": " - ", "mul": " * ", "div": " / "}
 _RANK = {"add": 1, "sub": 1, "mul": 2, "div": 2, "neg": 2, "sqr": 4, "power": 4}
 _TIGHT = 5
 
 
-def _written(node: Expr, args: list[tuple[str, int]]) -> tuple[str, int]:
-    """And how tightly it binds."""
+def _written(node: Expr, args: list[Written]) -> Written:
     rank = _RANK.get(node.op, _TIGHT)
     if node.op == "variable":
         return node.name, _TIGHT

@@ -77,14 +77,14 @@ def exactly(root: Expr, known: dict[bytes, Any], number: Callable[[float], Any])
             found = _EXACT[node.op](*args)
         else:
             raise NotExact(f"{node.op!r} has no exact polynomial form")
-        return np.asarray(found, dtype=object)
+        return np.asarray(found, object)
 
     return folded(root, one, known)
 
 
 def exactly_zero(network: ConstraintNetwork, roots: Iterable[Expr], point: Floats) -> bool:
     """Whether expressions are 0 at a point (n,), in fractions; False also where they hold roots or functions."""
-    fractions = np.array([Fraction(v) for v in point.tolist()], dtype=object)
+    fractions = np.array([Fraction(v) for v in point.tolist()], object)
     known: dict[bytes, Any] = {digest: np.asarray(fractions[where]) for digest, where in network.places.items()}
     try:
         return all(bool((exactly(root, known, Fraction) == 0).all()) for root in roots)
@@ -152,6 +152,7 @@ def _degree(expr: Expr) -> float:
 _MOST = 12  # divisors of one row: beyond, the products get longer than they are worth
 
 Divisors = Counter[Expr]
+Ratio = tuple[Expr, Divisors]
 
 
 def with_products(network: ConstraintNetwork, *, instead: bool = False) -> tuple[ConstraintNetwork, list[int]]:
@@ -200,7 +201,7 @@ class _Ratio:
     def __init__(self) -> None:
         self._same: dict[bytes, Expr] = {}  # one object for equal expressions, so that counters find them
 
-    def of_node(self, node: Expr, args: list[tuple[Expr, Divisors]]) -> tuple[Expr, Divisors]:
+    def of_node(self, node: Expr, args: list[Ratio]) -> Ratio:
         if not any(divisors for _, divisors in args) and not _divides(node):
             return node, Counter()
         if node.op == "neg":
@@ -220,7 +221,7 @@ class _Ratio:
             return as_expr(np.ones(node.shape)), Counter({k: -node.parameter * n for k, n in factors.items()})
         return node, Counter()
 
-    def _added(self, op: str, one: tuple[Expr, Divisors], two: tuple[Expr, Divisors]) -> tuple[Expr, Divisors]:
+    def _added(self, op: str, one: Ratio, two: Ratio) -> Ratio:
         common = one[1] | two[1]  # the larger count of each
         left = reduce(operator.mul, (common - one[1]).elements(), one[0])
         right = reduce(operator.mul, (common - two[1]).elements(), two[0])

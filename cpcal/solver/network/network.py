@@ -21,18 +21,11 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
-from cpcal.common.values import Indices
+from cpcal.common.values import Indices, Shape
 from cpcal.solver.interval import Box, Interval, IntervalArray
 from cpcal.solver.interval.box import checked_name, component_names, has_points
 from cpcal.solver.interval.numbers import float_bounds
-from cpcal.solver.network.expression import (
-    Constraint,
-    Expr,
-    Shape,
-    as_expr,
-    pair,
-    topological,
-)
+from cpcal.solver.network.expression import Constraint, Expr, as_expr, pair, topological
 
 Domain = Interval | tuple[npt.ArrayLike, npt.ArrayLike]
 

@@ -15,7 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from cpcal.common.values import Bools, Floats, Indices
+from cpcal.common.values import Bools, Floats, Indices, Shape
 from cpcal.solver.interval import IntervalArray
 from cpcal.solver.interval.operations import CODES
 from cpcal.solver.network import coefficient as coef
@@ -70,8 +70,8 @@ class PolynomialArray:
     B broadcasts to the shape; the first axis is that of `coefficient`.
     """
 
-    shape: tuple[int, ...]
-    monomials: tuple[Monomial, ...]
+    shape: Shape
+    monomials: Monomials
     coefficients: IntervalArray
     reads: bool = False  # whether readings with a measurement axis occur
 
@@ -278,7 +278,7 @@ def one_sided(number: int, constraint: Constraint) -> list[Row]:
     return rows
 
 
-def _bounded(bound: Expr, shape: tuple[int, ...], sign: float) -> Indices | None:
+def _bounded(bound: Expr, shape: Shape, sign: float) -> Indices | None:
     """The flat elements whose bound says something; None for all of them."""
     if bound.op != "constant":
         return None
@@ -400,7 +400,7 @@ class PolynomialSystem:
     """
 
     names: tuple[str, ...]
-    monomials: tuple[Monomial, ...]
+    monomials: Monomials
     coefficients: IntervalArray
     guarded: Bools
     guard_monomials: Indices
@@ -481,7 +481,7 @@ def _system(network: ConstraintNetwork, rows: list[Expanded], leftover: list[tup
     )
 
 
-def _closed(monomials: set[Monomial]) -> tuple[Monomial, ...]:
+def _closed(monomials: set[Monomial]) -> Monomials:
     """All divisors of the given monomials, by degree, then by variables."""
     out: set[Monomial] = {()}
     todo = list(monomials)

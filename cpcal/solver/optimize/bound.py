@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 
 from cpcal.common.values import Floats, Indices
-from cpcal.solver.accounts import ContractorUse, Found, RowUse, bracket_sentence, total_use
+from cpcal.solver.accounts import ContractorUse, Found, RowUse, Uses, bracket_sentence, total_use
 from cpcal.solver.compiled import TimeUp, compiling_until
-from cpcal.solver.contract import Contraction, Contractor, Limits, Step, Strategy, Verdict, shrunk
+from cpcal.solver.contract import Contraction, Contractor, Limits, Named, Row, Step, Strategy, Verdict, shrunk
+from cpcal.solver.execution.checkpoint_file import Line
 from cpcal.solver.execution.executors import Place, Shared
 from cpcal.solver.execution.stopping import Stopped, asked
 from cpcal.solver.interval import Box, Interval
@@ -33,6 +34,7 @@ from cpcal.solver.search import (
     EventKind,
     LargestFirst,
     Node,
+    Observer,
     Piece,
     Search,
     StepProver,
@@ -40,7 +42,7 @@ from cpcal.solver.search import (
     divided,
     light,
 )
-from cpcal.solver.search.search import Branch, Line, Row, Standing, rows_of
+from cpcal.solver.search.search import Branch, Standing, rows_of
 
 # ------------------------------------------------------------------------------------------------------------------
 # What is done to one node of the branch and bound: cut with the incumbent, contract, decide what comes next.
@@ -183,7 +185,7 @@ class Tally:
     programs: int = 0
     used: frozenset[Row] = frozenset()
     decisive: frozenset[Row] = frozenset()
-    uses: tuple[ContractorUse, ...] = ()
+    uses: Uses = ()
 
     def with_event(self, event: Event, raising: frozenset[Row]) -> Tally:
         """`raising`: the rows by which the node's objective rose last."""
@@ -242,8 +244,6 @@ class Saved:
         )
 
 
-Named = tuple[str, Contractor]
-
 _ROUND = 64  # nodes, at most
 _WAITING = 8  # pending nodes for each of a round: few that a better point would spare are looked at
 
@@ -266,7 +266,7 @@ def minimize(
     strategy: Strategy | None = None,
     enclose: bool = True,
     prover: StepProver | None = None,
-    observe: Callable[[Event], None] | None = None,
+    observe: Observer | None = None,
     resume: Saved | None = None,
     keep: Callable[[Callable[[], Saved]], None] | None = None,
     place: Place | None = None,
@@ -440,14 +440,14 @@ class Minimum:
     witness: Witness | None
     enclosure: Box
     floor: float
-    rows: tuple[tuple[int, int], ...]
-    decisive_rows: tuple[tuple[int, int], ...]
+    rows: tuple[Row, ...]
+    decisive_rows: tuple[Row, ...]
     pending: int
     nodes: int
     programs: int
     seconds: float
     interrupted: bool = False
-    contractors_used: tuple[ContractorUse, ...] = ()
+    contractors_used: Uses = ()
     found: Found | None = None
     names: tuple[str, ...] = ()  # of the components of points
     relax: float = 0.0  # by how much equations may be missed
@@ -514,7 +514,7 @@ def support(problem: Prepared, found: Minimum, gap: float, solve: Solve) -> tupl
     if not found.lo > domain[problem.name].lo or found.interrupted:
         return ()
     slack = max(gap * abs(found.lo), found.hi - found.lo)
-    chosen = np.array(sorted({k for _, k in found.decisive_rows}), dtype=np.intp)
+    chosen = np.array(sorted({k for _, k in found.decisive_rows}), np.intp)
     for _ in range(_ROUNDS if chosen.size else 0):
         alone = solve(chosen)
         if alone.interrupted:

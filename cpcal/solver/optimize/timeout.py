@@ -14,12 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.solver.accounts import ContractorUse, TimeoutAnswer, Trial, total_use
+from cpcal.solver.accounts import TimeoutAnswer, Trial, Uses, total_use
 from cpcal.solver.contract import Limits, Strategy
 from cpcal.solver.execution.stopping import asked
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize.witness import Witness, WitnessProver
-from cpcal.solver.search import Contracting, Divide, Event, EventKind, Node, Piece, Search
+from cpcal.solver.search import Contracting, Divide, Event, EventKind, Node, Observer, Piece, Search
 
 _CLOSE = 1.0 / 16.0  # of the bracket: an eps nearer than this to its lower end is too close
 _SHRINK = 0.9  # of a width: another pass of the contractor is worth while
@@ -38,7 +38,7 @@ class TimeoutOutcome:
     nodes: int = 0
     programs: int = 0
     checked: bool = False
-    uses: tuple[ContractorUse, ...] = ()
+    uses: Uses = ()
 
 
 Solver = Callable[[float, float], TimeoutOutcome]  # eps, seconds
@@ -82,7 +82,7 @@ def ask(
     strategy: Strategy,
     prover: WitnessProver,
     seconds: float,
-    observe: Callable[[Event], None] | None = None,
+    observe: Observer | None = None,
 ) -> TimeoutOutcome:
     """Search `domain` (its upper end of the objective is the eps that is asked about) for a valid point.
 
@@ -94,7 +94,7 @@ def ask(
     clock = Limits(seconds=seconds).clock()
     search = Search([Piece(domain, domain)], Divide(contracting, strategy, again=_SHRINK))
     nodes = programs = 0
-    uses: tuple[ContractorUse, ...] = ()
+    uses: Uses = ()
     for event in search:
         nodes += event.kind is not EventKind.CONTRACTED
         programs += event.contraction.programs

@@ -291,8 +291,8 @@ def verify_point(
     x = np.asarray(point, np.float64)
     box, constraints = IntervalArray.point(x[None]), network.constraints
     count = max((c.body.shape[0] for c in constraints if c.body.shape), default=1)
-    holds, fails = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
-    for_some = np.zeros(count, dtype=np.intp)  # constraints at an element that hold, but not for all readings
+    holds, fails = np.ones(count, bool), np.zeros(count, bool)
+    for_some = np.zeros(count, np.intp)  # constraints at an element that hold, but not for all readings
     asked = [c for c in constraints if reads(c)]
     with np.errstate(all="ignore"):
         tape, decisive = rows_tape(network), DecisiveReadings(network)
@@ -301,11 +301,11 @@ def verify_point(
         for row, sets in zip(one_sided_rows(network), decisive.on(Box(network.names, x, x)), strict=True):
             constraint, elements = constraints[row.constraint], slice(None) if row.elements is None else row.elements
             if not reads(constraint):
-                met = np.ones(constraint.body.size, dtype=bool)
+                met = np.ones(constraint.body.size, bool)
                 met[elements] = good[tape.rows(row.expr)]
                 holds &= _by_row(met, constraint, count, every=True)
             values = tape.value(tape.forward(box, sets) if sets else slots, row.expr)
-            violated = np.zeros(constraint.body.size, dtype=bool)
+            violated = np.zeros(constraint.body.size, bool)
             violated[elements] = np.where(values.empty, -np.inf, values.lo).ravel() > 0.0  # for all readings
             fails |= _by_row(violated, constraint, count, every=False)
         for constraint, one in zip(asked, reading or [ReadingConstraint(network, c) for c in asked], strict=True):

@@ -18,10 +18,11 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.values import Floats, Ints
-from cpcal.solver.accounts import ContractorUse
+from cpcal.solver.accounts import ContractorUse, Uses
 from cpcal.solver.contract import (
     Contraction,
     Contractor,
+    Named,
     Step,
     Strategy,
     TakesBatches,
@@ -63,7 +64,7 @@ class Pass:
 
     contraction: Contraction
     found: Box
-    uses: tuple[ContractorUse, ...]
+    uses: Uses
     proof: tuple[Record, ...]
 
 
@@ -73,9 +74,7 @@ class Contracting:
     Without a prover the two boxes of a node are one. At the `deadline` long contractions end.
     """
 
-    def __init__(
-        self, named: Sequence[tuple[str, Contractor]], prover: StepProver | None = None, deadline: float = math.inf
-    ) -> None:
+    def __init__(self, named: Sequence[Named], prover: StepProver | None = None, deadline: float = math.inf) -> None:
         self.named = [one for name, contractor in named for one in _taken_apart(name, contractor)]  # one by one
         self._prover, self.deadline = prover, deadline
         self.proves = prover is not None
@@ -128,7 +127,7 @@ def divided(box: Box, found: Box, split: Callable[[Box], tuple[Box, ...]]) -> tu
     return tuple(box.with_bounds(lo, hi) for lo, hi in bounds) or split(box)
 
 
-def _taken_apart(name: str, contractor: Contractor) -> list[tuple[str, Contractor]]:
+def _taken_apart(name: str, contractor: Contractor) -> list[Named]:
     """The parts of a sequence, each by itself, so that those that give weights can be proved."""
     if not isinstance(contractor, Then):
         return [(name, contractor)]

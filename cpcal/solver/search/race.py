@@ -16,10 +16,10 @@ import numpy as np
 
 from cpcal.common.version import __version__
 from cpcal.solver.contract import Clock
-from cpcal.solver.execution.checkpoint_file import Checkpoint
+from cpcal.solver.execution.checkpoint_file import Checkpoint, Line
 from cpcal.solver.execution.stopping import asked
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.search.search import Event, EventKind, Line, Search, Standing
+from cpcal.solver.search.search import Event, EventKind, Observer, Search, Standing
 
 _DECIDED = (EventKind.PRUNED, EventKind.KEPT, EventKind.INSIDE)
 
@@ -168,9 +168,7 @@ def _plain(option: object) -> object:
     return option if option is None or isinstance(option, (str, int, float)) else type(option).__name__
 
 
-def raced(
-    race: Race, keeper: Checkpoint, names: tuple[str, ...], clock: Clock, progress: Callable[[Event], None] | None
-) -> int:
+def raced(race: Race, keeper: Checkpoint, names: tuple[str, ...], clock: Clock, progress: Observer | None) -> int:
     """Run the race, from where the checkpoint says, until it ends or is stopped; how many nodes it has taken in all.
 
     Raises InputError for a checkpoint of something else.

@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.solver.accounts import ContractorUse
-from cpcal.solver.contract import Contraction
+from cpcal.solver.accounts import Uses
+from cpcal.solver.contract import Contraction, Row
+from cpcal.solver.execution.checkpoint_file import Line
 from cpcal.solver.interval import Box, Interval, IntervalArray
 from cpcal.solver.interval.kernels import check_rounding
 
@@ -80,7 +81,7 @@ class Decision:
     kind: EventKind
     contraction: Contraction
     pieces: tuple[Piece, ...] = ()
-    uses: tuple[ContractorUse, ...] = ()
+    uses: Uses = ()
     proof: tuple[tuple[str, dict[str, Any]], ...] = ()
     removed: tuple[Box, ...] | None = None
 
@@ -109,6 +110,9 @@ class Event:
     @property
     def contraction(self) -> Contraction:
         return self.decision.contraction
+
+
+Observer = Callable[[Event], None]
 
 
 class Search(Iterator[Event]):
@@ -233,9 +237,6 @@ class Search(Iterator[Event]):
 # ------------------------------------------------------------------------------------------------------------------
 # Where a search stands between two nodes, as values, and as lines of JSON: a line a box.
 
-Line = dict[str, Any]
-Row = tuple[int, int]  # constraint, element
-
 
 @dataclass(frozen=True)
 class Branch:
@@ -339,7 +340,7 @@ def clusters(boxes: Sequence[Box]) -> npt.NDArray[np.intp]:
     """
     count = len(boxes)
     if count == 0 or len(boxes[0]) == 0:
-        return np.zeros(count, dtype=np.intp)
+        return np.zeros(count, np.intp)
     bounds = Box.stacked(boxes)
     by = int(np.argmax([len(np.unique(column)) for column in bounds.lo.T]))
     order = np.argsort(bounds.lo[:, by], kind="stable")

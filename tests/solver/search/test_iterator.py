@@ -14,7 +14,8 @@ from cpcal import Network
 from cpcal.solver.contract import Contraction, Then
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.search import ORDERS, Divide, EventKind, LargestFirst, Search, Smear, bisect
+from cpcal.solver.search import ORDERS, Divide, EventKind, LargestFirst, Search, bisect
+from cpcal.solver.search.passes import Smear
 
 BOUND = st.sampled_from([-np.inf, -1e300, -1.0, 0.0, 5e-324, 1.0, 1.0 + 2**-52, 1e300, np.inf])
 

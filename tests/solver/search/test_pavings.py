@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from cpcal import Interval, Limits, Network, Verdict, norm, sqr
 from cpcal.solver.existence import UniquenessProver
 from cpcal.solver.interval import Box
-from cpcal.solver.search import ORDERS, STRATEGIES, Paving, clusters, difference, volume
+from cpcal.solver.search import ORDERS, STRATEGIES, Paving
+from cpcal.solver.search.search import clusters, difference, volume
 
 
 def annulus() -> Network:
