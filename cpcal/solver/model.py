@@ -10,9 +10,9 @@ from contextlib import nullcontext
 from copy import copy
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import partial, wraps
+from functools import partial
 from itertools import chain
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -352,29 +352,8 @@ def _expression(polynomial: Any, unknowns: list[Expr]) -> Expr:
 
 DEFAULT_CONTRACTORS = ("hc4", "lifted")
 
-P = ParamSpec("P")
-T = TypeVar("T")
-
 _LOADS = ("cpcal.solver.model", "cpcal.solver.numba_begun")  # of workers
 _ABREAST = 64  # pending boxes that a round of `solve` takes, whatever the order
-
-
-def _or_late(answer: Callable[[ConstraintNetwork, str], T]) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Of a verb: `answer` of the network, and why, where the time limit comes before there is anything to search by."""
-
-    def in_time(verb: Callable[P, T]) -> Callable[P, T]:
-        @wraps(verb)
-        def asked_of(*args: P.args, **options: P.kwargs) -> T:
-            try:
-                return verb(*args, **options)
-            except TimeUp as late:
-                network = args[0]
-                assert isinstance(network, ConstraintNetwork)
-                return answer(network, str(late))
-
-        return asked_of
-
-    return in_time
 
 
 def _no_paving(network: ConstraintNetwork, why: str) -> Paving:
@@ -426,7 +405,6 @@ class Network(ConstraintNetwork):
         parts = (part for _, part in plugins.build_each(network, contractors))
         return contracted(Then(*parts), box)
 
-    @_or_late(_no_paving)
     def solve(
         self,
         *,
@@ -471,55 +449,59 @@ class Network(ConstraintNetwork):
         says that they hold here.
         Raises PluginError for a contractor or strategy that is not there, ModelError for what has no meaning.
         """
-        limit = checked_limits(limits, seconds=time_limit, nodes=node_limit)
-        network, clock = self._as_asked(), limit.clock()
-        chooses = contractors is None and strategy is None
-        with compiling_until(clock.deadline):
-            choice = choice_to_solve(network, clock.deadline) if chooses else Choice(AS_ASKED, "as asked for")
-        if order not in ORDERS:
-            raise ModelError(f"no order is called {order!r}; there are: {', '.join(ORDERS)}")
-        priority, inside = ORDERS[order], Inside(network) if inner else None
-        built: dict[SearchMethod, list[Named]] = {}
-        options = (contractors, strategy, order, inner, width)
-        of = {} if checkpoint is None else checkpoint_of(network, options)
-        keeper = Checkpoint(checkpoint, of, resume=resume)
+        try:
+            limit = checked_limits(limits, seconds=time_limit, nodes=node_limit)
+            network, clock = self._as_asked(), limit.clock()
+            chooses = contractors is None and strategy is None
+            with compiling_until(clock.deadline):
+                choice = choice_to_solve(network, clock.deadline) if chooses else Choice(AS_ASKED, "as asked for")
+            if order not in ORDERS:
+                raise ModelError(f"no order is called {order!r}; there are: {', '.join(ORDERS)}")
+            priority, inside = ORDERS[order], Inside(network) if inner else None
+            built: dict[SearchMethod, list[Named]] = {}
+            options = (contractors, strategy, order, inner, width)
+            of = {} if checkpoint is None else checkpoint_of(network, options)
+            keeper = Checkpoint(checkpoint, of, resume=resume)
 
-        def contracting(method: SearchMethod) -> list[Named]:
-            names = method.contractors if chooses else DEFAULT_CONTRACTORS if contractors is None else contractors
-            rows = copy(network)
-            rows.add(choice.consequences if method.consequences else ())
-            built[method] = plugins.build_each(rows, names)
-            return built[method]
+            def contracting(method: SearchMethod) -> list[Named]:
+                names = method.contractors if chooses else DEFAULT_CONTRACTORS if contractors is None else contractors
+                rows = copy(network)
+                rows.add(choice.consequences if method.consequences else ())
+                built[method] = plugins.build_each(rows, names)
+                return built[method]
 
-        def left() -> Box:
-            parts = (part for _, part in contracting(choice.methods[0]))
-            return contracted(Then(*parts), network.domain, clock.deadline).box
+            def left() -> Box:
+                parts = (part for _, part in contracting(choice.methods[0]))
+                return contracted(Then(*parts), network.domain, clock.deadline).box
 
-        with compiling_until(clock.deadline):
-            finest, reach, unit = resolution(network, left, width)
+            with compiling_until(clock.deadline):
+                finest, reach, unit = resolution(network, left, width)
 
-        def search(method: SearchMethod, place: Place) -> Search:
-            by = named_strategy(network, strategy or method.strategy, finest, reach, unit)
-            every = Contracting(contracting(method), deadline=clock.deadline)
-            elsewhere = None if isinstance(place[0], Here) else place
-            process = Divide(every, by, inside=inside, outside=inner, place=elsewhere)
-            return Search([network.domain], process, priority, outside=inner, abreast=_ABREAST, batch=process.batch)
+            def search(method: SearchMethod, place: Place) -> Search:
+                by = named_strategy(network, strategy or method.strategy, finest, reach, unit)
+                every = Contracting(contracting(method), deadline=clock.deadline)
+                elsewhere = None if isinstance(place[0], Here) else place
+                process = Divide(every, by, inside=inside, outside=inner, place=elsewhere)
+                return Search([network.domain], process, priority, abreast=_ABREAST, batch=process.batch)
 
-        there = executor_for(workers, scheduler, executor, loads=_LOADS)
-        with heard(), linear_algebra_on_one_thread(), there as place, compiling_until(clock.deadline):
-            race = Race(
-                [Contender(m.name, partial(search, m, place), m.slice, m.turns, m.begins) for m in choice.methods]
-            )
-            nodes = raced(race, keeper, network.names, clock, progress)
-            found = race.leader.search or search(choice.methods[0], place)
-            (keeper.keep if found.waiting else keeper.done)()
-            paving = conclusion(found, UniquenessProver(network, deadline=clock.deadline), clock, nodes)
-            used = row_use(network, built[choice.methods[race.contenders.index(race.leader)]])
-        said = f"{choice.why}: {race.sentence()}" if chooses else choice.why
-        said += width_sentence(finest, reach) if width is None else ""
-        return replace(paving, method=said, width=finest, row_use=used)
+            there = executor_for(workers, scheduler, executor, loads=_LOADS)
+            with heard(), linear_algebra_on_one_thread(), there as place, compiling_until(clock.deadline):
+                race = Race(
+                    [Contender(m.name, partial(search, m, place), m.slice, m.turns, m.begins) for m in choice.methods]
+                )
+                nodes = raced(race, keeper, network.names, clock, progress)
+                found = race.leader.search or search(choice.methods[0], place)
+                (keeper.keep if found.waiting else keeper.done)()
+                paving = conclusion(
+                    found, UniquenessProver(network, deadline=clock.deadline), clock, nodes, outside=inner
+                )
+                used = row_use(network, built[choice.methods[race.contenders.index(race.leader)]])
+            said = f"{choice.why}: {race.sentence()}" if chooses else choice.why
+            said += width_sentence(finest, reach) if width is None else ""
+            return replace(paving, method=said, width=finest, row_use=used)
+        except TimeUp as late:
+            return _no_paving(self, str(late))
 
-    @_or_late(_no_minimum)
     def minimize(
         self,
         objective: Expr,
@@ -563,60 +545,67 @@ class Network(ConstraintNetwork):
         A contractor given as an object states the constraints of the network that it was built for: whoever passes it
         says that they hold here.
         """
-        limit = checked_limits(limits, seconds=time_limit, nodes=node_limit, gap=gap)
-        network, clock = self._as_asked(), limit.clock()
-        exact, why = certificate is not None, "asked for"
-        with compiling_until(clock.deadline):
-            network, name = with_objective(relaxed(network, relax), objective)
-            stated, origin = with_products(network, instead=exact)
-            if contractors is None:
-                contractors, why = CERTIFYING if exact else choice_to_minimize(stated, clock.deadline)
-            network._check_bounded(name, contractors, chosen=why != "asked for")
-            named = plugins.build_each(stated, contractors, objective=name)
-        if exact and not Contracting(named).gives_weights:
-            given = ", ".join(called for called, _ in named)
-            raise ModelError(f"{given} give no weights: no certificate can be written; use lifted")
-        first = None
-        if start is not None:
-            count, (first, _) = len(self.names), float_bounds(start)
-            if first.shape != (count,) or not np.isfinite(first).all():
-                raise ModelError(f"start={start!r} is no point: give {count} finite numbers, in the order of `names`")
-            first = np.concatenate([first, network.domain.hi[count:]])
-        options = (list(contractors), limit.gap, limit.gap_absolute, first, relax, exact)
-        of = {} if checkpoint is None else checkpoint_of(network, options)
-        recorded = Recording(network_statement(stated, name, about), network.domain) if exact else nullcontext()
-        with heard(), recorded as recording:
-            keeper = SearchKeeper(checkpoint, of, recording, resume=resume)
-            before = keeper.resumed()
-            with linear_algebra_on_one_thread(), executor_for(workers, scheduler, executor, loads=_LOADS) as place:
-                left = limit
-                if limit.seconds is not None:
-                    left = replace(left, seconds=max(0.0, clock.deadline - time.monotonic()))
-                if limit.nodes is not None and before is not None:
-                    left = replace(left, nodes=limit.nodes + before.tally.nodes)
-                states = minimize(
-                    network,
-                    name,
-                    named,
-                    limits=left,
-                    start=first,
-                    prover=None if recording is None else recording.prover,
-                    observe=None if recording is None else recording.event,
-                    resume=before,
-                    keep=keeper,
-                    place=None if isinstance(place[0], Here) else place,
+        try:
+            limit = checked_limits(limits, seconds=time_limit, nodes=node_limit, gap=gap)
+            network, clock = self._as_asked(), limit.clock()
+            exact, why = certificate is not None, "asked for"
+            with compiling_until(clock.deadline):
+                network, name = with_objective(relaxed(network, relax), objective)
+                stated, origin = with_products(network, instead=exact)
+                if contractors is None:
+                    contractors, why = CERTIFYING if exact else choice_to_minimize(stated, clock.deadline)
+                network._check_bounded(name, contractors, chosen=why != "asked for")
+                named = plugins.build_each(stated, contractors, objective=name)
+            if exact and not Contracting(named).gives_weights:
+                given = ", ".join(called for called, _ in named)
+                raise ModelError(f"{given} give no weights: no certificate can be written; use lifted")
+            first = None
+            if start is not None:
+                count, (first, _) = len(self.names), float_bounds(start)
+                if first.shape != (count,) or not np.isfinite(first).all():
+                    raise ModelError(
+                        f"start={start!r} is no point: give {count} finite numbers, in the order of `names`"
+                    )
+                first = np.concatenate([first, network.domain.hi[count:]])
+            options = (list(contractors), limit.gap, limit.gap_absolute, first, relax, exact)
+            of = {} if checkpoint is None else checkpoint_of(network, options)
+            recorded = Recording(network_statement(stated, name, about), network.domain) if exact else nullcontext()
+            with heard(), recorded as recording:
+                keeper = SearchKeeper(checkpoint, of, recording, resume=resume)
+                before = keeper.resumed()
+                with linear_algebra_on_one_thread(), executor_for(workers, scheduler, executor, loads=_LOADS) as place:
+                    left = limit
+                    if limit.seconds is not None:
+                        left = replace(left, seconds=max(0.0, clock.deadline - time.monotonic()))
+                    if limit.nodes is not None and before is not None:
+                        left = replace(left, nodes=limit.nodes + before.tally.nodes)
+                    states = minimize(
+                        network,
+                        name,
+                        named,
+                        limits=left,
+                        start=first,
+                        prover=None if recording is None else recording.prover,
+                        observe=None if recording is None else recording.event,
+                        resume=before,
+                        keep=keeper,
+                        place=None if isinstance(place[0], Here) else place,
+                    )
+                    found = run(states, progress)
+                    keeper.end(found)
+                status = found.status + (f" Equations were relaxed to within {numbers.stated(relax)}." if relax else "")
+                method = f"{', '.join(called for called, _ in named)}: {why}"
+                used = row_use(network, named[: len(contractors)], origin)
+                found = replace(
+                    found, status=status, relax=float(relax), names=network.names, method=method, row_use=used
                 )
-                found = run(states, progress)
-                keeper.end(found)
-            status = found.status + (f" Equations were relaxed to within {numbers.stated(relax)}." if relax else "")
-            method = f"{', '.join(called for called, _ in named)}: {why}"
-            used = row_use(network, named[: len(contractors)], origin)
-            found = replace(found, status=status, relax=float(relax), names=network.names, method=method, row_use=used)
-            if certificate is not None and recording is not None:
-                found = certified(recording, certificate, found, network.domain, name)
-            if not (found.pending or found.interrupted):
-                keeper.done()
-            return found
+                if certificate is not None and recording is not None:
+                    found = certified(recording, certificate, found, network.domain, name)
+                if not (found.pending or found.interrupted):
+                    keeper.done()
+                return found
+        except TimeUp as late:
+            return _no_minimum(self, str(late))
 
     def _as_asked(self) -> Network:
         """A copy, since a callback may add to this network meanwhile. Raises ModelError where there is no variable."""

@@ -204,9 +204,7 @@ class UniquenessProver:
         return self._grown(around, center, _AROUND) or self._grown(IntervalArray.point(center), center, _FROM_POINT)
 
     def narrowed(self, box: Box) -> Box:
-        """The part of a bounded box that the operator, then each row by itself leave; it holds all solutions."""
-        if not self.applies or box.is_empty or not box.is_bounded:
-            return box
+        """The part of a box that the operator, then each row by itself leave; it holds all solutions."""
         tight = box.intersect(self._narrowed(box.array))
         if tight.is_empty:
             return tight

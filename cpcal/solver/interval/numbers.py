@@ -144,8 +144,6 @@ class HasBounds:
     @property
     def mid(self) -> Floats:
         """A finite float64 in each interval, near its middle (NaN where empty)."""
-        if self.lo is self.hi and np.isfinite(self.lo).all():
-            return self.lo
         if np.isfinite(self.lo).all() and np.isfinite(self.hi).all():
             mid = np.asarray(0.5 * self.lo + 0.5 * self.hi)
             np.maximum(mid, self.lo, out=mid)  # halves of subnormal numbers round

@@ -124,22 +124,14 @@ class Rows:
 
         return self._each(chosen)
 
-    def likely(self, box: Box, most: int) -> list[Indices]:
-        """For each constraint the elements (along its leading axis) that are likely to exclude points of a box.
-
-        At most `most` for each side: those that the midpoint violates most, without those that to first order no
-        point of the box violates.
+    def violated(self, point: Floats, most: int) -> list[Indices]:
+        """For each constraint the elements (along its leading axis) that a point violates: at most `most` for each
+        side, those that it violates most.
         """
-        with np.errstate(all="ignore"):
-            if box.rad.any():
-                rows = self.linearize(box.mid)
-                values, possible = rows.values, rows.values + np.abs(rows.jacobian) @ box.rad > 0.0
-            else:
-                values = self._smallest(box.mid)
-                possible = values > 0.0
+        values = self._smallest(point)
 
         def chosen(where: slice) -> Indices:
-            some = np.flatnonzero(possible[where])
+            some = np.flatnonzero(values[where] > 0.0)
             return some[np.argsort(-values[where][some], kind="stable")[:most]]
 
         return self._each(chosen)

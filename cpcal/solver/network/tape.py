@@ -61,9 +61,8 @@ class Tape:
             return self._leaves
         lo, hi = self._leaves.lo.copy(), self._leaves.hi.copy()
         for digest, values in readings.items():
-            if digest in self.reading_slots:
-                where = self.reading_slots[digest] - self.size
-                lo[where], hi[where] = values.lo, values.hi
+            where = self.reading_slots[digest] - self.size
+            lo[where], hi[where] = values.lo, values.hi
         return IntervalArray(lo, hi)
 
     def forward(self, boxes: IntervalArray, readings: ReadingSets | None = None) -> IntervalArray:

@@ -109,7 +109,7 @@ def fit_of_many(
     point, chosen = np.asarray(start, np.float64), [np.zeros(0, np.intp)] * len(network.constraints)
     some: Rows | None = None
     for _ in range(_EXTENSIONS):
-        worst = rows.likely(box.with_bounds(point, point), _WORST)
+        worst = rows.violated(point, _WORST)
         more = [np.union1d(old, new) for old, new in zip(chosen, worst, strict=True)]
         if all(len(new) == len(old) for new, old in zip(more, chosen, strict=True)):
             break

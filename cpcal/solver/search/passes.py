@@ -214,7 +214,7 @@ class Divide:
         kind, pieces = self._next(node, before, done.contraction.box, done.found)
         proves = self._contracting.proves  # else the two boxes of a node are one
         children = tuple(Piece(piece, done.found.intersect(piece) if proves else piece) for piece in pieces)
-        removed = difference(node.box, done.contraction.box) if self._outside else None
+        removed = difference(node.box, done.contraction.box) if self._outside else ()
         return Decision(kind, done.contraction, children, done.uses, done.proof, removed)
 
     def _next(self, node: Node, before: Box, box: Box, found: Box) -> tuple[EventKind, tuple[Box, ...]]:

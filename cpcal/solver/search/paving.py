@@ -78,8 +78,11 @@ class Paving:
 _SEVERAL = 64  # boxes of a cluster that are tried one by one where its hull is not proved to hold one solution
 
 
-def conclusion(search: Search, prover: UniquenessProver, clock: Clock, nodes: int) -> Paving:
-    """What is known when a search stops, at its end or at a limit. Ctrl-C ends the proofs, not the conclusion."""
+def conclusion(search: Search, prover: UniquenessProver, clock: Clock, nodes: int, *, outside: bool) -> Paving:
+    """What is known when a search stops, at its end or at a limit; `outside`: of all boxes that hold no solution, too.
+
+    Ctrl-C ends the proofs, not the conclusion.
+    """
     pending = [node.box for node in search.pending]
     kept = [piece.box for piece in search.kept]
     proved, open_boxes = _proved(kept, prover, clock)
@@ -88,10 +91,9 @@ def conclusion(search: Search, prover: UniquenessProver, clock: Clock, nodes: in
     labels = clusters([box for _, box in boxes])
     solutions = tuple(Solution(verdict, box, int(k)) for (verdict, box), k in zip(boxes, labels, strict=True))
     status = _sentence(len(proved), len(open_boxes), len(pending), len(search.inside))
-    outside = list(search.outside)
-    if search.wants_outside and prover.applies:
-        outside += _without(kept, proved + open_boxes)
-    return Paving(not pending, status, solutions, nodes, tuple(search.inside), tuple(outside))
+    if outside and prover.applies:
+        search.outside += _without(kept, proved + open_boxes)
+    return Paving(not pending, status, solutions, nodes, tuple(search.inside), tuple(search.outside))
 
 
 def _proved(kept: Sequence[Box], prover: UniquenessProver, clock: Clock) -> tuple[list[Box], list[Box]]:

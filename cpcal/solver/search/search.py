@@ -75,7 +75,7 @@ class Decision:
 
     PRUNED has no pieces; KEPT and INSIDE have one, which is stored; CONTRACTED has one, which comes back as a node, and
     SPLIT has several. `uses` says who contracted, `proof` how weights prove it, for a certificate. `removed` is what
-    the node's box has lost, in boxes, where whoever decided worked that out.
+    the node's box has lost, in boxes, where it was asked for.
     """
 
     kind: EventKind
@@ -83,12 +83,7 @@ class Decision:
     pieces: tuple[Piece, ...] = ()
     uses: Uses = ()
     proof: tuple[tuple[str, dict[str, Any]], ...] = ()
-    removed: tuple[Box, ...] | None = None
-
-    @property
-    def box(self) -> Box:
-        """What is left of the node's box."""
-        return self.contraction.box
+    removed: tuple[Box, ...] = ()
 
 
 Process = Callable[[Node], Decision]
@@ -123,8 +118,8 @@ class Search(Iterator[Event]):
     them at a time. The size of batches changes nothing else. Of a round that is not over, the rest is pending. Pieces
     that come with their decision belong to the round of their parent.
 
-    `kept` holds the pieces that were fine enough and `inside` the boxes that hold nothing but solutions; `outside`, if
-    wanted, what was proved to hold none. At every moment these three and `pending` cover the roots.
+    `kept` holds the pieces that were fine enough and `inside` the boxes that hold nothing but solutions; `outside`,
+    where the process tells it, what was proved to hold none. At every moment these three and `pending` cover the roots.
     """
 
     def __init__(
@@ -133,11 +128,10 @@ class Search(Iterator[Event]):
         process: Process,
         priority: Priority = ORDERS["depth"],
         *,
-        outside: bool = False,
         abreast: int | Callable[[int], int] = 1,
         batch: int = 64,
     ) -> None:
-        self._process, self._priority, self.wants_outside = process, priority, outside
+        self._process, self._priority = process, priority
         self._abreast, self._batch = abreast, batch
         self._heap: list[tuple[float, int, Node]] = []  # priority, serial
         self.begun: list[Node] = []  # of the round at work those that are still to come, the next one first
@@ -191,11 +185,8 @@ class Search(Iterator[Event]):
         node = self.begun[0]
         decision = self._decision(node)
         check_rounding()  # a plug-in that changed it makes all contractors after it unsound
-        removed = decision.removed if self.wants_outside else ()
-        if removed is None:
-            removed = difference(node.box, decision.box)
         children = self._stored(node, decision)
-        self.outside.extend(removed)
+        self.outside.extend(decision.removed)
         self.begun = [*(child for child in children if child.decided is not None), *self.begun[1:]]
         self._decided.pop(node.serial, None)
         return Event(node, decision, children, self.waiting)

@@ -123,9 +123,9 @@ def test_the_size_of_batches_changes_nothing(order: dict[str, Any]) -> None:
     for batch in (1, 5, 64):
         process = Divide(Then(HC4(net), Newton(net)), LargestFirst(1e-3))
         search = Search([net.domain], process, **order, abreast=64, batch=batch)
-        first = [(event.node.box, event.kind, event.decision.box) for event in itertools.islice(search, 9)]
+        first = [(event.node.box, event.kind, event.contraction.box) for event in itertools.islice(search, 9)]
         pending = sorted(repr(node.box) for node in search.pending)
-        rest = [(event.node.box, event.kind, event.decision.box) for event in search]
+        rest = [(event.node.box, event.kind, event.contraction.box) for event in search]
         told.append((first, pending, rest, [piece.box for piece in search.kept]))
     assert told[0] == told[1] == told[2]
     assert len(told[0][3]) == 2
