@@ -154,3 +154,14 @@ def test_a_bound_is_below_the_exact_one_also_where_the_reduced_costs_cancel() ->
         found = lower_bound(matrix, nothing, np.arange(40), y, np.zeros(1), columns)
         r = sum((Fraction(a) * Fraction(b) for a, b in zip(y, matrix[:, 0], strict=True)), Fraction(0))
         assert Fraction(found) <= -abs(r)
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=SEEDS)
+def test_negative_multipliers_count_as_zero(seed: int) -> None:
+    """A row with a negative weight says the opposite of what it says."""
+    rng = np.random.default_rng([seed, 2])
+    program = Program(seed, room=3.0)
+    weights = -10.0 * rng.random(40)
+    assert program.bound(weights) == program.bound(np.zeros(40))
+    assert program.bound(weights, np.zeros(6)) <= 0.0
