@@ -139,35 +139,22 @@ SUBJECTS = {
     s.name: s
     for s in (
         Subject(
-            "campaign",
-            lambda folder: save_campaign(simulate(seed=1, extremal=False, random_poses=4, runs=2), folder),
-            load_campaign,
-            _input(save_campaign, load_campaign),
-        ),
+            "campaign", lambda folder: save_campaign(simulate(seed=1, extremal=False, random_poses=4, runs=2), folder),
+            load_campaign, _input(save_campaign, load_campaign)),
         Subject(
-            "study",
-            lambda folder: save_study(
-                simulate_study(seed=1, runs=1, random_poses=1, validation_runs=1, backlash=0.1, sag=0.5), folder
-            ),
-            load_study,
-            _input(save_study, load_study),
-        ),
+            "study", lambda folder: save_study(
+                simulate_study(seed=1, runs=1, random_poses=1, validation_runs=1, backlash=0.1, sag=0.5), folder),
+            load_study, _input(save_study, load_study)),
         Subject(
-            "target",
-            lambda folder: save_target(DELTALAB_TARGET, folder / "target.toml"),
-            lambda folder: load_target(folder / "target.toml"),
-            _input(save_target, load_target),
-        ),
+            "target", lambda folder: save_target(DELTALAB_TARGET, folder / "target.toml"),
+            lambda folder: load_target(folder / "target.toml"), _input(save_target, load_target)),
         Subject(
-            "camera",
-            lambda folder: save_camera(DELTALAB_CAMERA, folder / "camera.toml"),
-            lambda folder: load_camera(folder / "camera.toml"),
-            _input(save_camera, load_camera),
-        ),
+            "camera", lambda folder: save_camera(DELTALAB_CAMERA, folder / "camera.toml"),
+            lambda folder: load_camera(folder / "camera.toml"), _input(save_camera, load_camera)),
         Subject("record", _record, load_record, _input(save_record, load_record)),
         *(Subject(kind, write, verified, _claimed_otherwise(kind), "run/**/[!.]*") for kind, write in RUNS.items()),
     )
-}
+}  # fmt: skip
 
 
 # the survey -----------------------------------------------------------------------------------------------------------

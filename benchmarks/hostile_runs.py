@@ -265,20 +265,11 @@ def forms_of_long_numbers(folder: Path) -> None:
 @run
 def a_study_of_many_points(folder: Path) -> None:
     """That no certificate speaks of."""
-    camera: Line = {
-        "size": [640, 480],
-        "focal": [600.0, 600.5],
-        "center": [320.0, 240.0],
-        "distortion": [1e-3, 0, 0, 0, 0],
-    }
+    camera: Line = {"size": [640, 480], "focal": [600.0, 600.5], "center": [320.0, 240.0], "model": "brown"}
     image = ["i", 10.1, 20.2, 30.3, 0.9, 0.1, 0.2, 0.3, *[0] * 6]
     point = [320.0, 240.0, 320.0, 240.0, 1.5, 2.5, 0.25, 0.5]
-    study = {
-        "format": "cpcal-study/1",
-        "setup": "eye-in-hand",
-        "camera": camera | {"model": "brown"},
-        "images": [image],
-    }
+    camera |= {"distortion": [1e-3, 0, 0, 0, 0]}
+    study = {"format": "cpcal-study/1", "setup": "eye-in-hand", "camera": camera, "images": [image]}
     points = [[0, str(k), *point] for k in range(19_900)]
     (folder / "study.json").write_text(json.dumps(study | {"points": points}, separators=(",", ":")))
     frames = {"camera_position": [0, 0, 0], "camera_quaternion": [1, 0, 0, 0], "target_position": [0, 0, 2000.5]}

@@ -10,6 +10,13 @@ from hypothesis import strategies as st
 from cpcal.solver.network import ConstraintNetwork, Expr, norm, sqrt
 from cpcal.solver.optimize.witness import Witness, WitnessProver, verify_point
 
+MIXING = {
+    "one row twice": (lambda r: r[[0, 0]] + np.array([0.0, 0.5])),
+    "a matrix": (lambda r: np.array([[1.0, 0.0], [1.0, 0.0]]) @ r + np.array([0.0, 0.5])),
+    "a sum": (lambda r: r.sum() + np.array([0.0, 0.5])),
+    "broadcast": (lambda r: r[:1] + np.array([0.0, 0.5])),
+}
+
 
 def prove(net: ConstraintNetwork, point: list[float]) -> Witness | None:
     return WitnessProver(net, len(point) - 1).prove(np.array(point))
@@ -161,3 +168,11 @@ def test_a_point_fails_only_beyond_its_bound(beyond: float) -> None:
     net.add(x - 1.0 <= 0)
     found = verify_point(net, [1.0 + beyond, 0.0])
     assert (found.holds.tolist(), found.fails.tolist()) == ([beyond <= 0.0], [beyond > 0.0])
+
+
+@pytest.mark.parametrize("name", MIXING)
+def test_one_reading_cannot_serve_two_elements(name: str) -> None:
+    """|r| <= 0.1 and |r + 0.5| <= 0.1 have no common r, though each has one."""
+    net, x, eps = with_eps(eps=(0.1, 0.1))
+    net.add((MIXING[name](net.reading(np.zeros(2), 1.0)) + 0 * x[0]).within((-eps, eps)))
+    assert prove(net, [0.0, 0.1]) is None

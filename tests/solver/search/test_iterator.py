@@ -10,12 +10,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contractors import HC4, Newton
-from cpcal import Network
+from cpcal import Limits, Network
 from cpcal.solver.contract import Contraction, Then
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.search import ORDERS, Divide, EventKind, LargestFirst, Search, bisect
 from cpcal.solver.search.passes import Smear
+
+
+def two_roots() -> Network:
+    net = Network()
+    x, y = net.variable("x", (), (-10, 10)), net.variable("y", (), (-10, 10))
+    net.add([x**2 + y**2 == 25, x - y == 1])
+    return net
+
 
 BOUND = st.sampled_from([-np.inf, -1e300, -1.0, 0.0, 5e-324, 1.0, 1.0 + 2**-52, 1e300, np.inf])
 
@@ -148,3 +156,13 @@ def test_pieces_cover_the_box_and_are_smaller(pairs: list[tuple[float, float]]) 
         assert right != box
     pieces = LargestFirst().split(box)
     assert not pieces or pieces[0].hull(pieces[1]) == box
+
+
+def test_no_sentence_says_proved_while_a_box_is_undivided() -> None:
+    stops = [two_roots().solve(width=1e-9, contractors=("hc4", "lifted"), limits=Limits(nodes=n)) for n in (4, 8, 9)]
+    assert [paving.status.split(" undivided")[0] for paving in stops[:2]] == [
+        "Stopped with 3 boxes",
+        "Stopped with 1 box",
+    ]
+    assert [paving.complete for paving in stops] == [False, False, True]
+    assert "proved" in stops[2].status

@@ -227,3 +227,16 @@ def test_an_inequality_through_the_solution_leaves_it_unknown() -> None:
     assert proved(paving) == []
     assert len(paving.clusters) == 1
     assert "not proved" in paving.status
+
+
+@pytest.mark.parametrize("contractors", [("hc4",), ("hc4", "newton"), ("cid",), ("hc4", "lifted")])
+def test_whatever_contracts_the_solutions_are_the_same(contractors: tuple[str, ...]) -> None:
+    net = Network()
+    x = net.variable("x", 3, (-4, 4))
+    net.add([x[0] * x[1] + sqr(x[2]) == 2, x[1] * x[2] - sqr(x[0]) == -1, x[0] * x[2] + sqr(x[1]) * x[0] == 1])
+    paving = net.solve(width=1e-3, contractors=contractors)
+    assert paving.status == "4 boxes hold exactly one solution each, and there are no others: proved."
+    for box in proved(paving):
+        a, b, c = box.mid
+        assert np.abs([a * b + c**2 - 2, b * c - a**2 + 1, a * c + b**2 * a - 1]).max() < 1e-12
+    assert len(paving.clusters) == 4
