@@ -19,16 +19,6 @@ from cpcal.solver.network.expression import as_expr
 from cpcal.solver.optimize.witness import WitnessProver
 
 
-@pytest.mark.parametrize("width", [5e-324, 1e-310, 1e-9, 1e-4])
-def test_a_region_in_a_tiny_domain_is_divided_as_one_in_a_large_domain(width: float) -> None:
-    net = cpcal.Network()
-    x, y = net.variable("x", domain=(0, width)), net.variable("y", domain=(0, width))
-    net.add(x >= y)
-    paving = net.solve(contractors=["hc4"], node_limit=2000)
-    assert paving.complete
-    assert net.minimize(x).verdict is Verdict.PROVED
-
-
 def test_an_element_of_an_array_does_not_ask_the_others_to_be_defined() -> None:
     net = cpcal.Network()
     v, y = net.variable("v", 2, ([0, -1], [1, -0.5])), net.variable("y", domain=(0, 1))
