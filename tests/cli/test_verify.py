@@ -142,15 +142,6 @@ def test_what_was_written_is_proved_again(robust):
     assert "leaving out r005/1" in said
 
 
-def test_the_page_names_what_is_left_out(robust):
-    page = (robust / "report.html").read_text(encoding="utf-8")
-    done("report", robust)
-    assert (robust / "report.html").read_text(encoding="utf-8") == page
-    assert "r005/1" in page
-    assert "Whichever 1 measurements of a leg are wrong" in page
-    assert "This page does not check them: cpcal verify RUN does." in page
-
-
 @pytest.mark.parametrize("what", ["nothing", "empty"])
 def test_nothing_to_check_is_unusable(tmp_path, what):
     (tmp_path / "empty").mkdir()

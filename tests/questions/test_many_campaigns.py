@@ -152,20 +152,6 @@ def test_no_sample_of_readings_refutes_the_lower_bound(bent: Campaign, certified
             assert sampled(bent, 1, x, rng).max() >= certified.bracket.lo
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_perfect_robot_is_not_refuted(seed: int) -> None:
-    campaign = simulate(seed=seed, truncate=3.0)
-    found = only(campaign, 4)
-    assert (found.bracket.lo, found.bracket.hi) == (0.0, 0.0)
-    assert found.not_refuted
-    assert found.support == ()
-    assert found.bracket.verdict is Verdict.PROVED
-    assert "fits within the stated reading uncertainty (for some readings): proved" in status(found)
-    truth = true_robot(campaign)
-    assert truth is not None
-    assert truth.parameters[3] in found.bracket.enclosure  # all x with eps = 0, the true leg among them
-
-
 # deficient data ---------------------------------------------------------------------------------------------
 
 
@@ -215,3 +201,17 @@ def test_bad_options_are_reported_together(bent: Campaign) -> None:
     for endless in (2e6, 1e300, float("inf")):
         with pytest.raises(InputError, match="delta"):
             certify(bent, delta=endless)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_perfect_robot_is_not_refuted(seed: int) -> None:
+    campaign = simulate(seed=seed, truncate=3.0)
+    found = only(campaign, 4)
+    assert (found.bracket.lo, found.bracket.hi) == (0.0, 0.0)
+    assert found.not_refuted
+    assert found.support == ()
+    assert found.bracket.verdict is Verdict.PROVED
+    assert "fits within the stated reading uncertainty (for some readings): proved" in status(found)
+    truth = true_robot(campaign)
+    assert truth is not None
+    assert truth.parameters[3] in found.bracket.enclosure  # all x with eps = 0, the true leg among them

@@ -1,7 +1,6 @@
 """A checkpoint is read whole and of the same work, or refused; writing one never harms the one before."""
 
 import gzip
-import random
 
 import pytest
 
@@ -37,15 +36,6 @@ def test_a_line_less_or_changed_is_refused(path):
         assert changed != lines
         path.write_bytes(gzip.compress(b"\n".join(changed)))
         with pytest.raises(InputError, match="is cut off or garbled"):
-            read_checkpoint(path, OF)
-
-
-def test_garbled_bytes_are_refused(path):
-    whole, random_numbers = bytearray(path.read_bytes()), random.Random(1)
-    for _ in range(50):
-        at = random_numbers.randrange(10, len(whole))  # of gzip's header some bytes mean nothing
-        path.write_bytes(bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :]))
-        with pytest.raises(InputError, match="is cut off"):
             read_checkpoint(path, OF)
 
 

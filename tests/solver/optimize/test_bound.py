@@ -10,7 +10,7 @@ from cpcal import Interval, Limits, Network, Verdict, maximum, norm
 from cpcal.common.errors import ModelError
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.bound import Bracket, Minimum, minimize, status_of
-from cpcal.solver.optimize.local import Incumbent, fit, fit_of_many
+from cpcal.solver.optimize.local import Incumbent, Known, fit, fit_of_many
 from cpcal.solver.optimize.witness import Prepared, Witness
 
 Problem = tuple[Network, str, float]
@@ -221,3 +221,12 @@ def test_a_fit_of_many_measurements_is_that_of_all_of_them() -> None:
     np.testing.assert_allclose(of_some, of_all, atol=1e-9)
     easy = np.array([0.0, 0.0, 0.0, 9.0])  # no measurement is violated there
     np.testing.assert_array_equal(fit_of_many(net, rows, 3, easy), easy)
+
+
+def test_what_another_search_has_learned_replaces_the_incumbent_only_where_it_is_better() -> None:
+    net = Network()
+    net.variable("e", (), (0, 10))
+    incumbent = Incumbent(Prepared(net, "e"), Limits())
+    for value, kept in ((2.0, 2.0), (3.0, 2.0), (1.0, 1.0)):
+        incumbent.learn(Known(Witness(np.array([value]), value), 1), Known(None, 0))
+        assert incumbent.hi == kept
