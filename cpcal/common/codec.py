@@ -119,11 +119,9 @@ def decoded(kind: Any, value: Any, where: str = "it") -> Any:
             raise ValueError(f"{where} is no {kind.__name__}: {', '.join(kind.JSON)}")
         given = {key: decoded(of, found[key], f"{where}.{key}") for key, of in kind.JSON.items()}
         return kind.from_json(where, **given)
-    if isinstance(kind, type) and issubclass(kind, Enum):
-        if value not in [member.value for member in kind]:
-            raise ValueError(f"{where} is none of {', '.join(str(member.value) for member in kind)}")
-        return kind(value)
-    return _plain(kind, value, where)
+    if value not in [member.value for member in kind]:  # an Enum
+        raise ValueError(f"{where} is none of {', '.join(str(member.value) for member in kind)}")
+    return kind(value)
 
 
 class _Field(NamedTuple):

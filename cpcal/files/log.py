@@ -290,13 +290,11 @@ def _quaternions(log: Log, form: RotationForm, table: Table) -> Floats:
     try:
         return replace(form, unit="rad").quaternions(table.columns(*form.columns))
     except InputError as error:
-        lined = []
-        for problem in error.problems:
-            start, _, which = problem.where.rpartition(" ")
-            if start == "rotation of row":
-                what = f"the rotation {problem.what}"
-                problem = Problem(log.where, what, problem.remedy, log.lines[int(which)])
-            lined.append(problem)
+        rows = [int(one.where.rpartition(" ")[2]) for one in error.problems]  # "rotation of row 5"
+        lined = [
+            Problem(log.where, f"the rotation {one.what}", one.remedy, log.lines[row])
+            for one, row in zip(error.problems, rows, strict=True)
+        ]
         raise InputError(lined, omitted=error.omitted) from None
 
 

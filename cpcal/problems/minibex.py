@@ -16,7 +16,7 @@ expression  = sums of products of powers: + -, then * /, then ^ (which binds a m
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from fractions import Fraction
 from functools import partial, reduce
@@ -89,8 +89,8 @@ class Token(NamedTuple):
 
 class SyntaxNode(NamedTuple):
     """kind       "number", "name", "call or index", "index", "row", "column", "interval", "sum", "negative" or the
-               sign of an operation
-    parts      the nodes below; `token` is where it stands
+               sign of an operation; of constraints "relation", "loop"
+    parts      the nodes below; `token` is where it stands, and the sign of a relation
     from_zero  of an index in square brackets
     """
 
@@ -104,19 +104,6 @@ class Function(NamedTuple):
     inputs: tuple[Token, ...]
     steps: tuple[tuple[Token, SyntaxNode], ...]
     result: SyntaxNode
-
-
-class Relation(NamedTuple):
-    sign: Token
-    left: SyntaxNode
-    right: SyntaxNode
-
-
-class Loop(NamedTuple):
-    name: Token
-    first: SyntaxNode
-    last: SyntaxNode
-    blocks: tuple[Relation | Loop, ...]
 
 
 def read_minibex(text: str, where: str) -> StatedProblem:
@@ -306,26 +293,26 @@ class _Parser:
         self.needs("end")
         return Function(tuple(inputs), tuple(steps), result)
 
-    def blocks(self) -> tuple[Relation | Loop, ...]:
+    def blocks(self) -> list[SyntaxNode]:
         """Up to "end", which is taken."""
-        out: list[Relation | Loop] = []
+        out = []
         while not self.takes("end"):
-            if self.takes("for"):
+            if loop := self.takes("for"):
                 with self.deeper():
-                    name, first, last = self.turns()
+                    turns = self.turns()
                     self.needs(";")
-                    out.append(Loop(name.token, first, last, self.blocks()))
+                    out.append(SyntaxNode("loop", loop, (*turns, *self.blocks())))
             else:
                 out.append(self.relation())
             if self.now.text != "end":
                 self.needs(";")
-        return tuple(out)
+        return out
 
-    def relation(self) -> Relation:
+    def relation(self) -> SyntaxNode:
         left = self.expression()
         if self.now.text not in _RELATIONS:
             raise self.wrong(f"{self.told()} stands where a relation should", "write =, <=, >= or in")
-        found = Relation(self.take(), left, self.expression())
+        found = SyntaxNode("relation", self.take(), (left, self.expression()))
         if self.now.text in _RELATIONS:
             raise self.wrong("a second relation follows", "write a <= b and b <= c as two constraints")
         return found
@@ -372,9 +359,7 @@ class _Meaning(_Parser):
             if kind in _BINARY:
                 return self.chain(node, names)
             if kind == "sum":
-                name, first, last, body = node.parts
-                turns = self.range(name.token, first, last, names)
-                entries = [self.value(body, {**names, name.token.text: Fraction(turn)}) for turn in turns]
+                entries = [self.value(node.parts[3], scope) for scope in self.scopes(node, names)]
                 return reduce(plus, entries) if entries else Fraction(0)
             if kind in ("index", "call or index"):
                 return self.indexed_or_called(node, names)
@@ -406,12 +391,14 @@ class _Meaning(_Parser):
             raise self.wrong("a whole number must stand here", "write one, or a name of one", node.token)
         return int(value)
 
-    def range(self, name: Token, first: SyntaxNode, last: SyntaxNode, names: Names) -> range:
-        """The turns of a loop or a sum."""
+    def scopes(self, node: SyntaxNode, names: Names) -> Iterator[Names]:
+        """The names in each turn of a loop or a sum."""
+        name, first, last, *_ = node.parts
         start, end = self.whole(first, names), self.whole(last, names)
         if end - start >= MOST:
-            raise self.wrong(f"{end - start + 1:,} turns", f"give at most {MOST:,}", name)
-        return range(start, end + 1)
+            raise self.wrong(f"{end - start + 1:,} turns", f"give at most {MOST:,}", name.token)
+        for turn in range(start, end + 1):
+            yield {**names, name.token.text: Fraction(turn)}
 
     def indexed_or_called(self, node: SyntaxNode, names: Names) -> Value:
         head, *places = node.parts
@@ -478,7 +465,7 @@ class _Meaning(_Parser):
             if not isinstance(goal, Expr):
                 raise self.wrong("a number that depends on a variable must stand here", "write one", tree.token)
         self.takes(";")
-        blocks: tuple[Relation | Loop, ...] = ()
+        blocks: Sequence[SyntaxNode] = ()
         if self.takes("constraints"):
             self.takes(";")
             blocks = self.blocks()
@@ -493,8 +480,8 @@ class _Meaning(_Parser):
         for count, (relation, scope) in enumerate(self.relations(blocks, names)):
             if count == _CONSTRAINTS_MOST:
                 what = f"there are more than {_CONSTRAINTS_MOST:,} constraints"
-                raise self.wrong(what, "write fewer", relation.sign)
-            with self.placed(relation.sign):
+                raise self.wrong(what, "write fewer", relation.token)
+            with self.placed(relation.token):
                 self.network.add(self.constraint(relation, scope))
         return StatedProblem(self.network, goal)
 
@@ -554,22 +541,22 @@ class _Meaning(_Parser):
 
     # constraints ------------------------------------------------------------------------------
 
-    def relations(self, blocks: tuple[Relation | Loop, ...], names: Names) -> Iterator[tuple[Relation, Names]]:
+    def relations(self, blocks: Sequence[SyntaxNode], names: Names) -> Iterator[tuple[SyntaxNode, Names]]:
         for block in blocks:
-            if isinstance(block, Loop):
-                for k in self.range(block.name, block.first, block.last, names):
-                    yield from self.relations(block.blocks, {**names, block.name.text: Fraction(k)})
+            if block.kind == "loop":
+                for scope in self.scopes(block, names):
+                    yield from self.relations(block.parts[3:], scope)
             else:
                 yield block, names
 
-    def constraint(self, relation: Relation, names: Names) -> list[Constraint]:
-        left = self.value(relation.left, names)
-        right, sign, out = self.value(relation.right, names), relation.sign.text[0], []
+    def constraint(self, relation: SyntaxNode, names: Names) -> list[Constraint]:
+        left, right = (self.value(side, names) for side in relation.parts)
+        sign, out = relation.token.text[0], []
         both = pairs(left, right) if sign == "i" else pairs(minus(left, right), Fraction(0))
         for entry, bounds in both:
             body = as_operand(entry)
             if not isinstance(body, Expr):
-                raise self.wrong("a constraint without a variable", "take it out", relation.sign)
+                raise self.wrong("a constraint without a variable", "take it out", relation.token)
             if sign == "i":
                 inside = interval_of(bounds)
                 out.append(body.within((inside.lo, inside.hi)))
