@@ -78,8 +78,7 @@ from cpcal.robot import (
 from cpcal.robot.campaign import ARRAYS
 from cpcal.robot.mistakes import spread_of, suspicions
 from cpcal.simulate import simulate, simulate_study
-from cpcal.simulate.campaigns import STROKE
-from cpcal.simulate.studies import mechanisms_of, true_poses
+from cpcal.simulate.campaigns import STROKE, mechanisms_of, true_poses
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.local import fit as minimax_fit
 

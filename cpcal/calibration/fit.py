@@ -14,7 +14,7 @@ import numpy.typing as npt
 from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import listed
 from cpcal.common.least_squares import least_squares
-from cpcal.common.values import Bools, Floats, fill, frozen_array
+from cpcal.common.values import Bools, Floats, freeze
 from cpcal.robot import Campaign, LegEquations, Robot, distances, forward_poses
 
 
@@ -54,7 +54,7 @@ class Noise:
     freedom: float = np.inf
 
     def __post_init__(self) -> None:
-        fill(self, pose=frozen_array(self.pose), length=frozen_array(self.length))
+        freeze(self, "pose", "length")
         pose, length = self.pose, self.length
         shaped = pose.ndim == 3 and pose.shape[1:] == (6, 6) and length.ndim == 2 and len(length) == len(pose)
         good = np.isfinite(pose).all() and np.isfinite(length).all() and (length >= 0).all()

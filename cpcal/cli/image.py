@@ -17,8 +17,8 @@ from cpcal.common.documents import csv_table
 from cpcal.common.errors import refuse, together, unusable
 from cpcal.common.files import unwritable, write_file
 from cpcal.common.numbers import about, at_most, nearest
+from cpcal.files.folders import STUDY_NAME, study_bytes, table_bytes
 from cpcal.files.run_folder import POSE_SETS, answers_into
-from cpcal.files.settings import STUDY_NAME, study_bytes, table_bytes
 from cpcal.files.tables import load_readings, readings_bytes
 from cpcal.models.sight import CameraSet, Enclosed, Enclosing, TargetSet, stem_of
 from cpcal.report.section import Drawing, Page, Picture, Section, Table, Words, origin, verdict

@@ -17,7 +17,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from cpcal.common.values import Floats
+from cpcal.common.values import TINY, Floats
 
 T = TypeVar("T")
 
@@ -62,7 +62,7 @@ class Blocks:
         """(s + v k,) the shared unknowns' step, then block by block; nan where the equations are singular."""
         try:
             matrix, side = self.reduced(damping)
-            scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(np.float64).tiny))
+            scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), TINY))
             shared = scale * np.linalg.solve(matrix * scale[:, None] * scale, side * scale)
             own = np.linalg.solve(self._damped(damping), (self.own_side - self.mixed @ shared)[..., None])
         except np.linalg.LinAlgError:

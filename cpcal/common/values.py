@@ -3,7 +3,7 @@
     @dataclass(frozen=True, eq=False)
     class Robot(Value):
         def __post_init__(self):
-            fill(self, base=frozen_array(self.base))
+            freeze(self, "base")
 
 Arrays and mappings also stay read-only when a value is copied or unpickled, so that what was computed from one (a
 digest) stays true of it.
@@ -29,6 +29,7 @@ Indices: TypeAlias = npt.NDArray[np.intp]
 Ints: TypeAlias = npt.NDArray[np.int64]
 Shape: TypeAlias = tuple[int, ...]
 
+TINY = float(np.finfo(np.float64).tiny)  # below every number that is told from 0
 LARGEST = 1e12  # mm: no robot is larger, and no square of such a number overflows
 _REAL = "fiuSUO"  # kinds of numpy arrays that a user's real numbers come in; texts and objects are parsed
 
@@ -66,6 +67,11 @@ def fill(value: object, **held: object) -> None:
     """Fields of a frozen dataclass, while it is made."""
     for name, field in held.items():
         object.__setattr__(value, name, field)
+
+
+def freeze(value: object, *names: str) -> None:
+    """Fields of a frozen dataclass become private, read-only arrays, while it is made. Raises as `frozen_array`."""
+    fill(value, **{name: frozen_array(getattr(value, name)) for name in names})
 
 
 class ByValue:

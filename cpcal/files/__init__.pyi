@@ -1,21 +1,19 @@
 from .folders import (
+    Settings,
     campaign_sha256,
     load_campaign,
     load_campaign_json,
     load_settings,
     load_study,
+    save_campaign,
     save_campaign_json,
+    save_study,
+    settings_template,
 )
 from .log import (
     Log,
     campaign_of_log,
     read_log,
-)
-from .settings import (
-    Settings,
-    save_campaign,
-    save_study,
-    settings_template,
 )
 
 __all__ = [

@@ -1,38 +1,321 @@
-"""Campaigns from files (DESIGN section 8): all problems of both files at once, each with its line."""
+"""Campaigns and studies in files (DESIGN section 8): canonical bytes; read with every problem at once and its line."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, unusable
-from cpcal.common.files import small_file, write_file
-from cpcal.common.values import Floats, fill
-from cpcal.files.settings import (
-    CALIBRATION_NAME,
-    CSV_NAME,
-    STUDY_NAME,
-    TOML_NAME,
-    VALIDATION_NAME,
-    Settings,
-    csv_bytes,
-    read_settings,
-    read_study_settings,
-    toml_bytes,
+from cpcal.common.documents import (
+    KeyPath,
+    Schema,
+    TomlReader,
+    array,
+    csv_table,
+    document,
+    name,
+    whole,
+    written,
 )
+from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown, unusable
+from cpcal.common.files import NAME_MAX, small_file, write_file, write_folder
+from cpcal.common.values import Floats, fill
 from cpcal.files.tables import Table, read_table
-from cpcal.robot import Campaign, PoseTable, Robot, Study
-from cpcal.robot.campaign import ARRAYS
-from cpcal.robot.robot import KINDS, Uncertainty
-from cpcal.robot.units import SHARED_COLUMNS, ModelChoice, override_columns, reading_columns
+from cpcal.robot import (
+    EXACT_OR_NOT,
+    ROBOTS,
+    Campaign,
+    ModelChoice,
+    Pose,
+    PoseTable,
+    Robot,
+    Study,
+    Truth,
+    Uncertainty,
+)
+from cpcal.robot.campaign import ARRAYS, QUATERNION_TOLERANCE, quaternion_problem
+from cpcal.robot.robot import KINDS
+from cpcal.robot.units import SHARED_COLUMNS, override_columns, reading_columns
+
+# ------------------------------------------------------------------------------------------------------------------
+# Campaigns to files: canonical bytes, their digest, and writing that never leaves anything half-written.
+
+FORMAT = "cpcal-campaign/1"
+TOML_NAME = "campaign.toml"
+CSV_NAME = "measurements.csv"
+
+
+def toml_bytes(campaign: Campaign) -> bytes:
+    """The canonical campaign.toml; floats by repr, so that they are read back bit for bit."""
+    uncertainty: dict[str, object] = {"exact": True}
+    if (stated := campaign.uncertainty) is not None:
+        suffix = "half_width" if stated.factor is None else "sigma"
+        uncertainty = {"factor": stated.factor} | {f"{kind}_{suffix}": getattr(stated, kind) for kind in KINDS}
+    asked = campaign.model
+    model = {} if asked is None else {"name": asked.name, "half_widths": asked.half_widths}
+    return document(
+        FORMAT, {"robot": vars(campaign.robot), "uncertainty": uncertainty, "model": model}, campaign.provenance
+    )
+
+
+def csv_bytes(campaign: Campaign) -> bytes:
+    """The canonical measurements.csv; an override column is there only where some row needs it."""
+    radii = np.concatenate([campaign.position_radius, campaign.rotation_radius, campaign.length_radius], axis=1)
+    stated = 0.0 if campaign.uncertainty is None else campaign.uncertainty.half_widths
+    own = np.where(radii != stated, radii, np.array(None)).T.tolist()
+    widths = zip(override_columns(campaign.legs), own, strict=True)
+    return _rows(campaign, {}, {name: column for name, column in widths if any(v is not None for v in column)})
+
+
+def _rows(
+    of: Campaign | PoseTable, image: Mapping[str, Sequence[str]], more: Mapping[str, Sequence[float | None]]
+) -> bytes:
+    """A CSV table of names, readings and `more` columns."""
+    values = np.concatenate([of.position, of.quaternion, of.length], axis=1).T.tolist()
+    names = {"pose": of.pose, "run": of.run, **image}
+    columns = {**dict(zip(reading_columns(of.legs)[2:], values, strict=True)), **more}
+    return csv_table([*names, *columns], zip(*names.values(), *columns.values(), strict=True))
+
+
+def save_campaign(campaign: Campaign, path: str | os.PathLike[str]) -> None:
+    """Write the campaign's two files into the folder `path`, which is made if need be.
+
+    A new folder appears complete or not at all. In an existing folder other files stay, and campaign.toml is
+    taken away first and put back last: an interruption leaves a folder that is refused, never a mixture.
+    """
+    write_folder(Path(path), {CSV_NAME: csv_bytes(campaign), TOML_NAME: toml_bytes(campaign)}, head=TOML_NAME)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Studies to files: canonical bytes, so that the same study is always the same files.
+
+STUDY_FORMAT = "cpcal-study/2"
+STUDY_NAME = "study.toml"
+CALIBRATION_NAME = "calibration.csv"
+VALIDATION_NAME = "validation.csv"
+
+
+def save_study(study: Study, path: str | os.PathLike[str]) -> None:
+    """Write the study's three files into the folder `path`, which is made if need be.
+
+    A new folder appears complete or not at all; in an existing one other files stay, and study.toml comes last.
+    Raises InputError when the folder cannot be written.
+    """
+    contents = {
+        CALIBRATION_NAME: table_bytes(study.calibration),
+        VALIDATION_NAME: table_bytes(study.validation),
+        STUDY_NAME: study_bytes(study),
+    }
+    write_folder(Path(path), contents, head=STUDY_NAME)
+
+
+def study_bytes(study: Study) -> bytes:
+    """The canonical study.toml; floats by repr, so that they are read back bit for bit."""
+    simulated: dict[str, object] = {}
+    if (truth := study.truth) is not None:
+        frames = {"camera": truth.camera, "target": truth.target}
+        poses = {name: {"position": of.position, "quaternion": of.quaternion} for name, of in frames.items()}
+        simulated = {"seed": truth.seed, "parameters": truth.robot.parameters, **poses}
+    return document(STUDY_FORMAT, {"robot": vars(study.robot), "truth": simulated}, study.provenance)
+
+
+def table_bytes(table: PoseTable) -> bytes:
+    """The canonical CSV of a table; columns of `image` and `shared` only where the table has them."""
+    shared = () if table.shared is None else zip(SHARED_COLUMNS, table.shared.T.tolist(), strict=True)
+    return _rows(table, {} if table.image is None else {"image": table.image}, dict(shared))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Reads campaign.toml: every problem with its line number, whatever the state of the rest.
 
 _ABSENT = "a campaign is a folder with the two files campaign.toml and measurements.csv"
+_SIGMA_KEYS, _WIDTH_KEYS = (tuple(f"{kind}_{suffix}" for kind in KINDS) for suffix in ("sigma", "half_width"))
+_STATED = (("factor", *_SIGMA_KEYS), _WIDTH_KEYS, ("exact",))
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What campaign.toml or study.toml says; `robot` is None where it is unusable, `uncertainty` also where readings
+    are exact. `legs`: their number, as far as it can be told (to read on). `sha256`: of the file.
+    """
+
+    robot: Robot | None = None
+    legs: int | None = None
+    uncertainty: Uncertainty | None = None
+    model: ModelChoice | None = None
+    truth: Truth | None = None
+    provenance: Mapping[str, str] = field(default_factory=dict)
+    sha256: str = ""
+
+
+def read_settings(path: Path, problems: Problems) -> Settings:
+    """The settings in a campaign.toml; adds to `problems`."""
+    reader = TomlReader.opened(path, FORMAT, ("robot", "uncertainty", "model"), problems, _ABSENT)
+    if reader is None:
+        return Settings()
+    robot, legs = _robot(reader)
+    remedy = 'add a name, such as name = "gain"'
+    model = reader.section("model", {"name": _identifier}, {"half_widths": _widths}, needed=False, remedy=remedy)
+    choice = None if model is None else ModelChoice(**model)
+    stated = _uncertainty(reader, legs)
+    return Settings(robot, legs, stated, choice, provenance=reader.provenance(), sha256=reader.sha256)
+
+
+def _robot(reader: TomlReader) -> tuple[Robot | None, int | None]:
+    """The robot, or None; and the number of its legs, as far as it can be told."""
+    stated, keys = reader.document.get("robot"), ("base", "mobile", "offset")
+    of = stated if isinstance(stated, dict) else {}
+    legs = next((len(value) for key in keys if isinstance(value := of.get(key), list)), None)
+    rows = array((legs, 3), "x, y and z in mm", by_leg=True)
+    found = reader.section(
+        "robot", {"name": name, "base": rows, "mobile": rows, "offset": array((legs,), "one for each leg")}
+    )
+    return (None if found is None else Robot(**found)), legs or None
+
+
+def _uncertainty(reader: TomlReader, legs: int | None) -> Uncertainty | None:
+    """The section [uncertainty], which says how far readings may be off, or that they are exact: None."""
+    if "uncertainty" not in reader.document:
+        reader.wrong((), "the section [uncertainty] is missing", EXACT_OR_NOT)
+        return None
+    each = ((3, "three, mm"), (3, "three, rad"), (legs, "one for each leg, mm"))
+    reads = [array((count,), meaning, signed=False) for count, meaning in each]
+    keys: Schema = {"factor": array((), signed=False), "exact": _exact}
+    sizes = dict(zip((*_SIGMA_KEYS, *_WIDTH_KEYS), reads * 2, strict=True))
+    found = reader.section("uncertainty", {}, {**keys, **sizes})
+    if found is None:
+        return None
+    meant = max(_STATED, key=lambda ways: len(found.keys() & ways))
+    for key in [key for key in meant if key not in found]:
+        reader.wrong(("uncertainty",), f"the key {key!r} is missing in [uncertainty]", f"add {key}; {EXACT_OR_NOT}")
+    for key in [key for key in found if key not in meant]:
+        reader.wrong(("uncertainty", key), f"{key!r} is given beside {meant[0]!r}", EXACT_OR_NOT)
+    if "exact" in meant or legs is None or found.keys() != {*meant}:
+        return None
+    given = (*(found[key] for key in meant[-3:]), found.get("factor"))
+    # single values were checked: a product may overflow
+    return reader.made(lambda: Uncertainty(*given), lambda _: ("uncertainty",))
+
+
+def _exact(reader: TomlReader, path: KeyPath, value: object) -> bool:
+    if value is not True:
+        reader.wrong(path, f"exact is {shown(value)}", EXACT_OR_NOT)
+    return True
+
+
+def _identifier(reader: TomlReader, path: KeyPath, value: object) -> str:
+    """Of a model or its parameter; which there are is known where they are used."""
+    if not (isinstance(value, str) and value.isidentifier() and len(value) <= NAME_MAX):
+        reader.wrong(path, f"{shown(value)} cannot be a name", "give a word, such as gain or s")
+    return str(value)
+
+
+def _widths(reader: TomlReader, path: KeyPath, value: object) -> dict[str, float]:
+    if not isinstance(value, dict):
+        reader.wrong(path, "half_widths is not a table", "write half_widths = { s = 0.05 }")
+        return {}
+    return {
+        _identifier(reader, path, k): reader.number(path, f"the half-width of {shown(k)}", v, signed=False)
+        for k, v in value.items()
+    }
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Reads study.toml: every problem with its line number, whatever the state of the rest.
+
+_NO_STUDY = "a study is a folder with the three files study.toml, calibration.csv and validation.csv"
+_WHOLE = "add {key}, or take [truth] out"
+
+
+def read_study_settings(path: Path, problems: Problems) -> Settings:
+    """The settings in a study.toml; adds to `problems`."""
+    reader = TomlReader.opened(path, STUDY_FORMAT, ("robot", "truth"), problems, _NO_STUDY)
+    if reader is None:
+        return Settings()
+    robot, legs = _robot(reader)
+    parameters = array((legs, 7), "ax, ay, az, bx, by, bz, l in mm", by_leg=True)
+
+    keys = {"seed": whole(0), "parameters": parameters, "camera": _pose, "target": _pose}
+    found = reader.section("truth", keys, needed=False, remedy=_WHOLE)
+    truth = None
+    if found is not None and robot is not None:
+        found["robot"] = Robot.from_parameters(robot.name, found.pop("parameters"))
+        truth = Truth(**found)
+    return Settings(robot, legs, truth=truth, provenance=reader.provenance())
+
+
+def _pose(reader: TomlReader, path: KeyPath, value: object) -> Pose | None:
+    keys = {"position": array((3,), "x, y and z in mm"), "quaternion": array((4,), "qw, qx, qy and qz")}
+    found = reader.table(path, value, keys, remedy=_WHOLE)
+    if found is None:
+        return None
+    norm = math.hypot(*found["quaternion"])
+    if abs(norm - 1.0) > QUATERNION_TOLERANCE:
+        reader.wrong((*path, "quaternion"), *quaternion_problem(norm))
+    return Pose(**found)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# A commented campaign.toml to fill in: for a robot of the catalogue, or for one's own.
+
+_LEGS_MAX = 1_000
+_START = """\
+# A campaign: what was measured on one robot. Beside this file stands measurements.csv; docs/your-data.md explains both.
+# Every nan is to be replaced by a number. Lengths are in mm, angles in radians.
+"""
+_COMMENTS = {
+    "base": "centres of the joints on the base, one row x, y, z a leg, mm, in the base frame",
+    "mobile": "centres of the joints on the moving platform, one row a leg in the same order, mm, in the mobile frame",
+    "offset": "what a reading lacks of the leg's length, mm: length = reading + offset; 0 where whole lengths are read",
+}
+_UNCERTAINTY = """
+[uncertainty]
+# How far readings may be off: half-width = factor * standard deviation. Or put the one line `exact = true` here.
+factor = 3.0
+position_sigma = [nan, nan, nan]    # x, y, z of the pose, mm
+rotation_sigma = [nan, nan, nan]    # rotation vector in the base frame, rad (0.01 degrees are 0.000175)
+"""
+_REST = """
+# [model]                             # the leg model; without it the plain one: see docs/models.md
+# name = "gain"
+
+[provenance]                          # free text, shown in reports
+# date = "2026-01-31"
+# operator = ""
+# serial = ""
+"""
+
+
+def settings_template(name: str, legs: int) -> str:
+    """The text of a campaign.toml: the drawing of a known robot, or nan for `legs` legs of one called `name`.
+
+    Raises InputError for a name or a number of legs that cannot be.
+    """
+    known = ROBOTS.get(name.casefold())
+    if known is None and not 1 <= legs <= _LEGS_MAX:
+        raise unusable("option legs", f"has no meaning: {legs}", f"give 1 to {_LEGS_MAX}")
+    blank = np.full((legs, 3), np.nan)
+    robot: dict[str, Any] = {"name": name, "base": blank, "mobile": blank, "offset": blank[:, 0]}
+    lines = [f"{_START}format = {written(FORMAT)}", "", "[robot]"]
+    if known is not None:
+        robot = vars(known.robot)
+        lines.append(f"# Dimensions: {known.source}")
+    for key, value in robot.items():
+        lines += [*([f"# {_COMMENTS[key]}"] if key in _COMMENTS else []), f"{key} = {written(value)}"]
+    lengths = np.full(len(robot["offset"]), np.nan)
+    uncertain = f"{_UNCERTAINTY}length_sigma = {written(lengths)}    # leg readings, mm, one for each leg"
+    return "\n".join([*lines, uncertain, _REST])
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Campaigns from files: all problems of both files at once, each with its line.
 
 
 def load_campaign(path: str | os.PathLike[str]) -> Campaign:
@@ -48,7 +331,7 @@ def load_campaign(path: str | os.PathLike[str]) -> Campaign:
     Raises one InputError that lists every problem of both files.
     """
     folder, problems = _existing(path, _ABSENT, YOUR_DATA), Problems()
-    settings = read_settings(folder / TOML_NAME, problems, _ABSENT)
+    settings = read_settings(folder / TOML_NAME, problems)
     table = read_table(folder / CSV_NAME, settings.legs, problems, _ABSENT)
     problems.raise_any(YOUR_DATA)
     campaign = campaign_of_table(table, settings)
@@ -63,10 +346,10 @@ def campaign_of_table(table: Table, settings: Settings) -> Campaign:
     radii = np.zeros((len(table.names["pose"]), 6 + robot.legs))
     if stated is not None:
         radii[:] = stated.half_widths
-    for column, name in enumerate(override_columns(robot.legs)):
-        if name in table.values:
-            own = ~np.isnan(table.values[name])
-            radii[own, column] = table.values[name][own]
+    for column, key in enumerate(override_columns(robot.legs)):
+        if key in table.values:
+            own = ~np.isnan(table.values[key])
+            radii[own, column] = table.values[key][own]
     numbers = np.concatenate([table.columns(*reading_columns(robot.legs)[2:]), radii], axis=1)
     return Campaign(
         robot,
@@ -97,7 +380,7 @@ def load_settings(path: str | os.PathLike[str]) -> Settings:
     """What a campaign.toml, or that in a folder, says. Raises InputError with every problem of it."""
     file = Path(path) / TOML_NAME if Path(path).is_dir() else Path(path)
     problems = Problems()
-    settings = read_settings(file, problems, _ABSENT)
+    settings = read_settings(file, problems)
     problems.raise_any(YOUR_DATA)
     return settings
 
@@ -209,8 +492,6 @@ def _texts(value: Any) -> Any:
 # ------------------------------------------------------------------------------------------------------------------
 # Studies from files (docs/calibration.md): all problems of the three files at once, each with its line.
 
-_NO_STUDY = "a study is a folder with the three files study.toml, calibration.csv and validation.csv"
-
 
 def load_study(path: str | os.PathLike[str]) -> Study:
     """The study in the folder `path`.
@@ -222,16 +503,16 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     Raises one InputError that lists every problem of the three files.
     """
     folder, problems = _existing(path, _NO_STUDY), Problems()
-    settings = read_study_settings(folder / STUDY_NAME, problems, _NO_STUDY)
+    settings = read_study_settings(folder / STUDY_NAME, problems)
     tables = []
-    for name in (CALIBRATION_NAME, VALIDATION_NAME):
+    for file in (CALIBRATION_NAME, VALIDATION_NAME):
         found = read_table(
-            folder / name, settings.legs, problems, _NO_STUDY, optional=lambda _: ["image", *SHARED_COLUMNS]
+            folder / file, settings.legs, problems, _NO_STUDY, optional=lambda _: ["image", *SHARED_COLUMNS]
         )
         missing = [column for column in SHARED_COLUMNS if column not in found.values]
         if found.values and 0 < len(missing) < len(SHARED_COLUMNS):
             what, remedy = f"the column {missing[0]!r} is missing", f"give all of {', '.join(SHARED_COLUMNS)}, or none"
-            problems.add(Problem(str(folder / name), what, remedy, 1))
+            problems.add(Problem(str(folder / file), what, remedy, 1))
         tables.append(found)
     problems.raise_any()
     robot = settings.robot

@@ -29,8 +29,7 @@ from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown,
 from cpcal.common.files import TEXT_MAX, listed, small_file
 from cpcal.common.numbers import about
 from cpcal.common.values import Floats
-from cpcal.files.folders import campaign_of_table, load_settings
-from cpcal.files.settings import Settings
+from cpcal.files.folders import Settings, campaign_of_table, load_settings
 from cpcal.files.tables import QUATERNION, Table
 from cpcal.robot import EXACT_OR_NOT, ROBOTS, Campaign, Robot, known_robot
 from cpcal.robot.campaign import stated_uncertainty

@@ -27,7 +27,7 @@ from cpcal.checker.hand_eye import STUDY_FORMAT
 from cpcal.common.documents import KeyPath, TomlReader, csv_table, document, json_object, one_of, text
 from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import write_folder
-from cpcal.common.values import Floats, Indices, Value, fill, frozen_array
+from cpcal.common.values import Floats, Indices, Value, fill, freeze, frozen_array
 from cpcal.files.log import poses_of_log, read_log
 from cpcal.files.tables import Table, read_table
 from cpcal.robot import Pose, compose, inverse, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
@@ -146,7 +146,7 @@ class HandEyeFrames(Value):
     f_translation: Floats
 
     def __post_init__(self) -> None:
-        fill(self, **{one.name: frozen_array(getattr(self, one.name)) for one in fields(self)})
+        freeze(self, *(one.name for one in fields(self)))
 
 
 def study_of_board(

@@ -15,7 +15,7 @@ import numpy as np
 from cpcal.common.errors import unusable
 from cpcal.common.least_squares import Blocks, Fit, least_squares
 from cpcal.common.numbers import nearest
-from cpcal.common.values import Floats, Value, fill, frozen_array
+from cpcal.common.values import Floats, Value, freeze
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, Setup, read_poses
 from cpcal.robot import (
     Pose,
@@ -46,7 +46,7 @@ class ReadFrames(Value):
     readings: Floats
 
     def __post_init__(self) -> None:
-        fill(self, readings=frozen_array(self.readings))
+        freeze(self, "readings")
 
 
 class PixelModel:
@@ -224,7 +224,7 @@ class ClassicalAnswer(Value):
 
     def __post_init__(self) -> None:
         arrays = ("readings", "residuals", "covariance")
-        fill(self, **{name: frozen_array(getattr(self, name)) for name in arrays})
+        freeze(self, *arrays)
 
 
 def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:

@@ -38,7 +38,7 @@ from cpcal.checker.rule import Box
 from cpcal.checker.sight import POSE_SET_FORMAT, Part, Rows, Sight, digest_of, joined, rows_of, sight_of
 from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import write_file
-from cpcal.common.values import Floats, Indices, Value, fill, frozen_array
+from cpcal.common.values import Floats, Indices, Value, fill, freeze, frozen_array
 from cpcal.robot import Pose, normalised, quaternion_from_matrix, quaternion_product
 from cpcal.robot.kinematics import nearest_rotation
 from cpcal.solver.certificate.exact_network import number
@@ -119,7 +119,7 @@ class CameraSet(Value):
     spread: Floats = field(default_factory=lambda: np.zeros((_COUNT, 0)))
 
     def __post_init__(self) -> None:
-        fill(self, spread=frozen_array(self.spread))
+        freeze(self, "spread")
         model, spread = self.camera.model, self.spread
         other = f"pose sets are proved for the model {BROWN}: calibrate with it"
         wrong = spread.ndim != 2 or len(spread) != _COUNT or not np.isfinite(spread).all()

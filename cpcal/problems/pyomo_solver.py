@@ -39,6 +39,11 @@ from cpcal.solver.contract import Limits, Verdict
 __all__ = ["CpcalConfig", "PooledSolutions", "PyomoCpcal", "SolverFactory"]
 
 _ABSOLUTE_GAP = Limits().gap_absolute
+_OPTIONS = (
+    ("certificate", os.fspath, "File for the proof of a minimisation, which `cpcal verify` checks."),
+    ("width", float, "Of boxes that are not divided further."),
+    ("node_limit", NonNegativeInt, "Boxes at most."),
+)
 
 
 class CpcalConfig(BranchAndBoundConfig):  # type: ignore[misc]  # Pyomo has no types
@@ -46,14 +51,8 @@ class CpcalConfig(BranchAndBoundConfig):  # type: ignore[misc]  # Pyomo has no t
 
     def __init__(self, *args: Any, **kwds: Any) -> None:
         super().__init__(*args, **kwds)
-        text = "File for the proof of a minimisation, which `cpcal verify` checks."
-        self.certificate = self.declare("certificate", ConfigValue(domain=os.fspath, default=None, description=text))
-        self.width = self.declare(
-            "width", ConfigValue(domain=float, default=None, description="Of boxes that are not divided further.")
-        )
-        self.node_limit = self.declare(
-            "node_limit", ConfigValue(domain=NonNegativeInt, default=None, description="Boxes at most.")
-        )
+        for name, domain, text in _OPTIONS:
+            self.declare(name, ConfigValue(domain=domain, default=None, description=text))
 
 
 class PooledSolutions(SolutionLoader):  # type: ignore[misc]

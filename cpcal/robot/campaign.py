@@ -18,7 +18,18 @@ import numpy.typing as npt
 from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import IDENTIFIER_REMEDY, NAME_MAX, NAME_REMEDY, TEXT_REMEDY, is_identifier, is_text
 from cpcal.common.numbers import about
-from cpcal.common.values import LARGEST, Floats, Indices, Value, as_floats, fill, frozen_array, frozen_mapping
+from cpcal.common.values import (
+    LARGEST,
+    TINY,
+    Floats,
+    Indices,
+    Value,
+    as_floats,
+    fill,
+    freeze,
+    frozen_array,
+    frozen_mapping,
+)
 from cpcal.robot.kinematics import Pose, leg_vectors, turn_between
 from cpcal.robot.robot import KINDS, Robot, Uncertainty, good_numbers, known_robot
 from cpcal.robot.units import ModelChoice, RotationForm
@@ -163,7 +174,7 @@ class Campaign(Value):
     files: tuple[tuple[str, str], ...] = field(default=(), init=False, compare=False)
 
     def __post_init__(self) -> None:
-        fill(self, **{name: frozen_array(getattr(self, name)) for name in ARRAYS})
+        freeze(self, *ARRAYS)
         fill(self, pose=tuple(self.pose), run=tuple(self.run), provenance=frozen_mapping(self.provenance))
         legs, stated, wrong = self.robot.legs, self.uncertainty, list[Problem]()
         columns = zip(ARRAYS, (3, 4, legs, 3, 3, legs), strict=True)
@@ -354,8 +365,7 @@ class PoseTable(Value):
     shared: Floats | None = None
 
     def __post_init__(self) -> None:
-        arrays = [name for name in (*ARRAYS[:3], "shared") if getattr(self, name) is not None]
-        fill(self, **{name: frozen_array(getattr(self, name)) for name in arrays})
+        freeze(self, *ARRAYS[:3], *(() if self.shared is None else ("shared",)))
         names = {name: tuple(some) for name in ("pose", "run", "image") if (some := getattr(self, name)) is not None}
         fill(self, **names)
         legs = self.length.shape[1] if self.length.ndim == 2 else 1
@@ -383,9 +393,6 @@ class PoseTable(Value):
     def __len__(self) -> int:
         """The number of rows, N."""
         return len(self.pose)
-
-    def __repr__(self) -> str:
-        return f"<PoseTable: {len(self)} rows of {len(set(self.pose))} poses, {self.legs} legs>"
 
 
 @dataclass(frozen=True, eq=False)
@@ -581,5 +588,5 @@ class Given:
     def share(self, quantile: float = 0.5) -> float:
         """|nominal residual| / nominal leg length that so many of the measurements do not exceed, of the worst leg: a
         few odd rows do not move it."""
-        shares = self.off / np.maximum(self.nominal, np.finfo(np.float64).tiny)
+        shares = self.off / np.maximum(self.nominal, TINY)
         return float(np.quantile(shares, quantile, axis=0).max())

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import CpcalError, unusable
-from cpcal.common.values import Bools, ByValue, Floats
+from cpcal.common.values import TINY, Bools, ByValue, Floats
 from cpcal.robot.robot import Robot
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -167,7 +167,7 @@ def pose_jacobian(robot: Robot, pose: Pose) -> Floats:
     """Derivative of the readings by (P, rotation vector in the base frame), (..., n, 6): mm/mm, mm/rad."""
     vectors = leg_vectors(robot, pose)
     lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    directions = vectors / np.maximum(lengths, np.finfo(np.float64).tiny)
+    directions = vectors / np.maximum(lengths, TINY)
     arms = vectors - pose.position[..., None, :] + robot.base  # R b
     return np.concatenate([directions, np.cross(arms, directions)], axis=-1)
 

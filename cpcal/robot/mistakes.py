@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cpcal.common.numbers import about
-from cpcal.common.values import Floats
+from cpcal.common.values import TINY, Floats
 from cpcal.robot.campaign import Campaign, Given
 from cpcal.robot.kinematics import (
     KinematicsError,
@@ -180,7 +180,6 @@ def counts(given: Given) -> Variants:
 # Rotations that were entered in another form than was meant.
 
 _DEGREES = 180.0 / np.pi
-_TINY = np.finfo(np.float64).tiny
 _VECTOR = "vector"  # beside the orders of Euler angles
 _TAKEN = (*(name.upper() for name in TAIT_BRYAN + PROPER), _VECTOR)  # fixed axes are turned ones backwards
 _MEANT = {name: f"Euler angles {name} (or {name[::-1].swapcase()})" for name in SEQUENCES}
@@ -226,7 +225,7 @@ def degrees_as_radians(given: Given) -> Variants:
         angles, near = _angles(form, given.pose.quaternion), _angles(form, wanted)
         if form == _VECTOR:
             size = np.linalg.norm(angles, axis=1, keepdims=True)
-            axis = angles / np.maximum(size, _TINY)
+            axis = angles / np.maximum(size, TINY)
             chosen = _unwrapped(size, np.sum(axis * near, axis=1, keepdims=True)) * axis
         else:
             proper = form[0] == form[2]  # with either of these the same rotation
@@ -337,7 +336,7 @@ def scored(tried: Sequence[Given], steps: int, moves: Floats | None = None) -> S
     def residuals(x: Floats) -> tuple[Floats, Floats, Floats]:
         """(H, N, n), with the legs' directions and lengths."""
         leg = position[:, :, None] + np.einsum("hkij,hnj->hkni", turn, x[..., 3:6]) - x[:, None, :, :3]
-        size = np.maximum(np.linalg.norm(leg, axis=-1), _TINY)
+        size = np.maximum(np.linalg.norm(leg, axis=-1), TINY)
         return size - length - x[:, None, :, 6], leg / size[..., None], size
 
     reach = np.median(residuals(x)[2], axis=(1, 2))
@@ -374,12 +373,12 @@ def scored(tried: Sequence[Given], steps: int, moves: Floats | None = None) -> S
             gap = gap + values * (into @ (drawing - before)[..., None])[..., 0]
         x = drawing - (axes @ (ratio * gap / damped)[..., None])[..., 0]
     value = cost / noise + np.sum(gone**2, axis=(1, 2)) / error + np.sum(np.log(damped), axis=(1, 2))
-    units = np.sum(np.log(np.maximum(length.std(axis=1), _TINY)), axis=1)
+    units = np.sum(np.log(np.maximum(length.std(axis=1), TINY)), axis=1)
     value = value + count * np.log(noise) - 2.0 * len(length[0]) * units
     freedom = np.sqrt(count / np.maximum(count - used, 1.0))
     off, _, size = residuals(drawing)
     off = np.quantile(np.abs(off), 0.8, axis=1).max(axis=1)
-    share = off / np.minimum(reach, _RADII * np.maximum(radius, _TINY))
+    share = off / np.minimum(reach, _RADII * np.maximum(radius, TINY))
     return Scores(value, freedom * typical[:, 0].max(axis=1), off, share, drawing, x)
 
 
@@ -614,7 +613,7 @@ def spread_of(campaign: Campaign) -> Spread:
             radii = np.concatenate([campaign.position_radius, campaign.rotation_radius], axis=1)[:, None]
             square = np.sum((pose_jacobian(fit, given.pose) * radii) ** 2, axis=2) + campaign.length_radius**2
             stated = np.sqrt(square) / (factor or _UNIFORM)
-            ratio = spare * np.median(residual / np.maximum(stated, _TINY), axis=0)
+            ratio = spare * np.median(residual / np.maximum(stated, TINY), axis=0)
     left = spare * np.median(residual, axis=0)
     return Spread(left, ratio, float(found.off[0]), float(found.share[0]), fit.parameters)
 
@@ -653,7 +652,7 @@ def doubts(campaign: Campaign, seen: Spread) -> tuple[str | None, list[str]]:
     if float(seen.ratio.max()) > TOO_LARGE:
         said.append(f"{_residuals(seen, seen.ratio)}: a convention, a frame or the model is wrong.")
     elif float(seen.ratio.max()) < 1.0 / TOO_SMALL:
-        times = about(1.0 / max(float(np.median(seen.ratio)), _TINY), 2)
+        times = about(1.0 / max(float(np.median(seen.ratio)), TINY), 2)
         said.append(f"Your uncertainties are {times} times what the residuals show: state smaller ones.")
     return mistake, said
 

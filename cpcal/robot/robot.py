@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import NAME_MAX, NAME_REMEDY, is_text
-from cpcal.common.values import LARGEST, Bools, Floats, Value, fill, frozen_array
+from cpcal.common.values import LARGEST, Bools, Floats, Value, freeze
 
 
 def good_numbers(values: npt.ArrayLike, least: float = -LARGEST) -> Bools:
@@ -40,11 +40,11 @@ class Robot(Value):
         problems, legs = [], len(self.base) if hasattr(self.base, "__len__") else 0
         for name, shape in (("base", (legs, 3)), ("mobile", (legs, 3)), ("offset", (legs,))):
             try:
-                array = frozen_array(getattr(self, name))
+                freeze(self, name)
             except (TypeError, ValueError) as error:
                 problems.append(Problem(f"robot {name}", f"is not an array of numbers ({error})", "give numbers, mm"))
                 continue
-            fill(self, **{name: array})
+            array = getattr(self, name)
             if array.shape != shape or not legs:
                 remedy = f"give an array of the shape {shape}" if legs else "give one row for each of n >= 1 legs"
                 problems.append(Problem(f"robot {name}", f"has the shape {array.shape}", remedy))
@@ -101,9 +101,9 @@ class Uncertainty(Value):
 
     def __post_init__(self) -> None:
         problems = []
+        freeze(self, *KINDS)
         for kind in KINDS:
-            array = frozen_array(getattr(self, kind))
-            fill(self, **{kind: array})
+            array = getattr(self, kind)
             if array.ndim != 1 or (kind != "length" and array.shape != (3,)):
                 what = f"has the shape {array.shape}"
                 problems.append(Problem(f"uncertainty {kind}", what, "give 3, 3 and as many as there are legs"))
@@ -145,7 +145,7 @@ class PoseRange(Value):
     turn: Floats
 
     def __post_init__(self) -> None:
-        fill(self, **{name: frozen_array(getattr(self, name)) for name in ("low", "high", "turn")})
+        freeze(self, "low", "high", "turn")
         bounds = self.bounds if all(a.shape == (3,) for a in (self.low, self.high, self.turn)) else None
         if bounds is None or not np.isfinite(bounds).all() or (bounds[0] > bounds[1]).any():
             remedy = "give low <= high (3,) in mm and turn >= 0 (3,) in rad"

@@ -1,9 +1,7 @@
 from .campaigns import (
     simulate,
-    true_robot,
-)
-from .studies import (
     simulate_study,
+    true_robot,
 )
 
 __all__ = [

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import shown, unusable
-from cpcal.common.values import Floats, Value, fill, frozen_array
+from cpcal.common.values import Floats, Value, freeze
 from cpcal.solver.compiled import compiled
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -175,10 +175,9 @@ class Camera(Value):
         if self.model not in LENSES:
             raise unusable("camera model", f"is {shown(self.model)}", f"give one of {', '.join(LENSES)}")
         for name, size in (("focal", 2), ("center", 2), ("distortion", len(LENSES[self.model]))):
-            array = frozen_array(getattr(self, name))
-            if array.shape != (size,) or not np.isfinite(array).all():
+            freeze(self, name)
+            if getattr(self, name).shape != (size,) or not np.isfinite(getattr(self, name)).all():
                 raise unusable(f"camera {name}", f"is not {size} finite numbers", "give pixels, see docs")
-            fill(self, **{name: array})
         if min(self.width, self.height) < 1 or not (self.focal > 0.0).all():
             raise unusable("camera", "has no positive size or focal length", "give them in pixels")
 

@@ -331,18 +331,8 @@ def estimate_pose(
         raise NoPose(f"ambiguous: two poses fit about equally well, chi-square {rival:.1f} apart")
     rms = float(np.sqrt((residuals[used] ** 2).mean()))
     common = _common(kept.dots, final.residuals.reshape(-1, 2), degrees) if scale > DOUBTFUL else 1.0
-    return PoseEstimate(
-        pose=final.pose,
-        covariance=scale * common * np.linalg.inv(final.normal) + part,
-        shared_part=part,
-        residuals=residuals,
-        outliers=~used,
-        rms=rms,
-        chi_square=chi_square,
-        degrees=degrees,
-        p_value=p_value,
-        scale=scale,
-    )
+    covariance = scale * common * np.linalg.inv(final.normal) + part
+    return PoseEstimate(final.pose, covariance, part, residuals, ~used, rms, chi_square, degrees, p_value, scale)
 
 
 def _common(dots: Floats, residuals: Floats, degrees: int) -> float:

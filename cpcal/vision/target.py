@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import refuse, unusable
-from cpcal.common.values import Floats, Ints, Value, fill, frozen_array
+from cpcal.common.values import Floats, Ints, Value, freeze
 
 MOST_DOTS = 500  # what identification takes grows with the square, and with symmetries faster
 LARGEST = 1e6  # mm: of coordinates and radii
@@ -44,7 +44,7 @@ class Target(Value):
     board: str = ""
 
     def __post_init__(self) -> None:
-        fill(self, dots=frozen_array(self.dots))
+        freeze(self, "dots")
         if self.dots.ndim != 2 or self.dots.shape[1] != 2 or not np.isfinite(self.dots).all():
             raise unusable("target dots", "are not rows of two finite numbers", "give x and y in mm")
         if not SMALLEST <= self.radius <= LARGEST:
@@ -88,7 +88,6 @@ def two_diagonals(
     side: float,
     pitch: float,
     radius: float,
-    bright: bool = True,
 ) -> Target:
     """Dots at signed distances (mm) from the middle along the diagonals y = x and y = -x, and on a square grid
     (`pitch`, up to side / 2 from the middle) wherever no diagonal is nearer than 0.6 of the pitch."""
@@ -98,7 +97,7 @@ def two_diagonals(
     ticks = (np.arange(steps) - 0.5 * (steps - 1)) * pitch
     grid = [(x, y) for y, x in itertools.product(ticks, ticks) if min(abs(x - y), abs(x + y)) * turn >= 0.6 * pitch]
     dots = np.concatenate([np.stack([up, up], axis=1), np.stack([down, -down], axis=1), np.reshape(grid, (-1, 2))])
-    return Target(name, dots, radius, bright)
+    return Target(name, dots, radius)
 
 
 def resized(target: Target, factor: float) -> Target:

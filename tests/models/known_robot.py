@@ -10,8 +10,7 @@ from cpcal.models import fit_model
 from cpcal.models.leg_set import AskedSet, CertifiedSet, certified_set
 from cpcal.robot import Campaign, Pose, Robot, forward_kinematics, inverse_kinematics
 from cpcal.simulate import simulate
-from cpcal.simulate.campaigns import true_robot
-from cpcal.simulate.studies import assembled_with, mechanisms_of
+from cpcal.simulate.campaigns import assembled_with, mechanisms_of, true_robot
 
 ERROR = 0.02  # mm: amplitude of the joint error, which is never exceeded
 

@@ -5,8 +5,16 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cpcal.robot import DELTALAB, KinematicsError, Pose, leg_vectors
-from cpcal.simulate.campaigns import STROKE, assembled, configurations, streams
-from cpcal.simulate.studies import assembled_with, clearance_sides, leg_gaps, mechanisms_of
+from cpcal.simulate.campaigns import (
+    STROKE,
+    assembled,
+    assembled_with,
+    clearance_sides,
+    configurations,
+    leg_gaps,
+    mechanisms_of,
+    streams,
+)
 
 LARGE = {  # mm; the gain is relative
     "axis_offset": 20.0, "backlash": 20.0, "sag": 20.0, "gain": 0.2, "joint_error": 20.0,

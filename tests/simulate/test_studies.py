@@ -8,11 +8,10 @@ from numpy.testing import assert_allclose
 
 from cpcal.common.errors import InputError
 from cpcal.files import save_study
-from cpcal.files.settings import study_bytes, table_bytes
+from cpcal.files.folders import study_bytes, table_bytes
 from cpcal.robot import inverse_kinematics, quaternion_conjugate, quaternion_product
 from cpcal.simulate import simulate_study
-from cpcal.simulate.campaigns import EULER_SIGMA, LENGTH_SIGMA, POSITION_SIGMA
-from cpcal.simulate.studies import mechanisms_of
+from cpcal.simulate.campaigns import EULER_SIGMA, LENGTH_SIGMA, POSITION_SIGMA, mechanisms_of
 from tests.changed import mobile_in_base
 
 SMALL = {"runs": 2, "validation_runs": 2, "random_poses": 5}

@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,8 @@ from cpcal.vision.files.image_file import read_image
 from cpcal.vision.files.target_print import PAPERS, on_paper, page_bytes, print_target, sheet
 from cpcal.vision.target import DELTALAB_TARGET, Target, two_diagonals
 
-SMALL = two_diagonals(
-    "small & <dark>, $5", (-60.0, -31.0, -9.0, 22.0, 55.0), (-58.0, -20.0, 40.0, 63.0), 100.0, 25.0, 3.0, bright=False
-)
+NAME, FIRST, SECOND = "small & <dark>, $5", (-60.0, -31.0, -9.0, 22.0, 55.0), (-58.0, -20.0, 40.0, 63.0)
+SMALL = replace(two_diagonals(NAME, FIRST, SECOND, 100.0, 25.0, 3.0), bright=False)
 TARGETS = [DELTALAB_TARGET, SMALL]
 NUMBER = r"(-?[\d.]+)"
 

@@ -133,15 +133,8 @@ def study_table(detections: Sequence[Detection], readings: Mapping[tuple[str, st
     length = np.array([readings[pose, run] for pose, run, _ in ids], dtype=np.float64)
     poses, runs, images = (tuple(part[k] for part in ids) for k in range(3))
     shared = values[:, SHARED]
-    return PoseTable(
-        pose=poses,
-        run=runs,
-        position=values[:, POSITION],
-        quaternion=values[:, QUATERNION],
-        length=length,
-        image=images,
-        shared=shared if shared.any() else None,
-    )
+    position, quaternion = values[:, POSITION], values[:, QUATERNION]
+    return PoseTable(poses, runs, position, quaternion, length, images, shared if shared.any() else None)
 
 
 # ------------------------------------------------------------------------------------------------------------------

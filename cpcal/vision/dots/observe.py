@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.values import Bools, Floats, fill, frozen_array
+from cpcal.common.values import Bools, Floats, freeze
 from cpcal.vision.dots.edge import LINEAR, OUTSIDE, PLAIN, Edges, fitted_edges
 from cpcal.vision.dots.segmentation import (
     Spots,
@@ -221,8 +221,7 @@ class Dots:
     halvings: int = 0
 
     def __post_init__(self) -> None:
-        names = ("centers", "covariance", "quality", "axes", "gap", "light")
-        fill(self, **{name: frozen_array(getattr(self, name)) for name in names})
+        freeze(self, "centers", "covariance", "quality", "axes", "gap", "light")
 
     def __len__(self) -> int:
         return len(self.centers)

@@ -16,7 +16,7 @@ import numpy as np
 from cpcal.common.documents import KeyPath, TomlReader, array, document, one_of, positive, text, truth, whole
 from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import small_file, write_file
-from cpcal.common.values import Floats, Value, fill, frozen_array, frozen_mapping
+from cpcal.common.values import Floats, Value, fill, freeze, frozen_mapping
 from cpcal.vision.camera import BROWN, CAMERA_NUMBERS, LENSES, PIXELS_MAX, Camera, implausible
 from cpcal.vision.opencv import MissingExtraError
 from cpcal.vision.target import Target, target_from
@@ -65,8 +65,10 @@ class CameraRecord(Value):
         fill(self, provenance=frozen_mapping(self.provenance))
         problems = [Problem(f"camera {key}", what, remedy) for key, what, remedy in implausible(self.camera)]
         if self.covariance is not None:
-            fill(self, covariance=frozen_array(self.covariance))
-            problems += [Problem("camera covariance", *wrong) for wrong in covariance_problems(self.covariance)]
+            freeze(self, "covariance")
+            if what := _covariance_problem(self.covariance):
+                remedy = f"give the covariance of {', '.join(CAMERA_NUMBERS)}"
+                problems.append(Problem("camera covariance", what, remedy))
             if self.camera.model != BROWN:
                 what = f"covariance goes with a lens of the model {self.camera.model}"
                 problems.append(Problem("camera covariance", what, _ONLY_BROWN))
@@ -76,20 +78,18 @@ class CameraRecord(Value):
             raise InputError(problems)
 
 
-def covariance_problems(matrix: Floats) -> list[tuple[str, str]]:
-    """What is wrong with a covariance of the camera's nine numbers, and the remedies."""
+def _covariance_problem(matrix: Floats) -> str:
+    """What is wrong with a covariance of the camera's nine numbers; "" where nothing is."""
     count = len(CAMERA_NUMBERS)
-    remedy = f"give the covariance of {', '.join(CAMERA_NUMBERS)}"
     if matrix.shape != (count, count) or not np.isfinite(matrix).all():
-        return [(f"covariance is not {count} rows of {count} finite numbers", remedy)]
+        return f"covariance is not {count} rows of {count} finite numbers"
     scale = np.sqrt(np.abs(np.diag(matrix)))
     scale[scale == 0.0] = 1.0
     correlation = matrix / scale[:, None] / scale
     if not np.array_equal(matrix, matrix.T):
-        return [("covariance is not symmetric", remedy)]
-    if not np.linalg.eigvalsh(correlation)[0] >= -_NEGATIVE:
-        return [("covariance is of no random numbers: it is not positive semidefinite", remedy)]
-    return []
+        return "covariance is not symmetric"
+    definite = np.linalg.eigvalsh(correlation)[0] >= -_NEGATIVE
+    return "" if definite else "covariance is of no random numbers: it is not positive semidefinite"
 
 
 def load_camera(path: str | os.PathLike[str]) -> CameraRecord:
