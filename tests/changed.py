@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from cpcal.common.values import Floats
-from cpcal.questions import LegBracket, LegResult, Work
+from cpcal.questions import LegBracket, LegResult, Recommended, Work
 from cpcal.robot import (
     Pose,
     PoseTable,
@@ -64,7 +64,9 @@ def leg_with(leg, /, **changes):
     bracket = {name: changes.pop(name) for name in _OF_BRACKET & changes.keys()} | lo_hi
     work = {name: changes.pop(name) for name in _OF_WORK & changes.keys()}
     if leg is None:
-        return LegResult(bracket=LegBracket(**bracket), work=Work(**work), **changes)
+        point = tuple(np.zeros(len(bracket["enclosure"].names)).tolist())
+        best = {"recommended": Recommended(point, "least squares", np.inf)}
+        return LegResult(bracket=LegBracket(**bracket), work=Work(**work), **(best | changes))
     return replace(leg, bracket=replace(leg.bracket, **bracket), work=replace(leg.work, **work), **changes)
 
 

@@ -100,13 +100,16 @@ _CERTIFIED = (
 
 
 class Verb(NamedTuple):
-    """Where the function of a verb is, a command that it can be tried with, and what exit statuses 0 and 1 mean."""
+    """Where the function of a verb is, a command that it can be tried with, and what exit statuses 0 and 1 mean.
+
+    `function`: where it is not called as the verb.
+    """
 
     module: str
-    function: str
     example: str
     statuses: tuple[str, str] | None = None
     hidden: bool = False
+    function: str = ""
 
     @property
     def epilog(self) -> str:
@@ -115,56 +118,49 @@ class Verb(NamedTuple):
             said.append(f"Exit status: **0** {self.statuses[0]}, **1** {self.statuses[1]}, {_ENDS}")
         return "\n\n".join(said)
 
-    @property
-    def summary(self) -> str:
-        """Its docstring, read and not imported: to load all verbs for a list of them would take a second or two."""
+    def summary(self, function: str) -> str:
+        """The docstring of its function, read and not imported: to load all verbs for a list of them would take a
+        second or two."""
         spec: Any = find_spec(f"cpcal.cli.{self.module}")
         functions = (node for node in ast.parse(spec.loader.get_data(spec.origin)).body)
-        own = next(node for node in functions if isinstance(node, ast.FunctionDef) and node.name == self.function)
+        own = next(node for node in functions if isinstance(node, ast.FunctionDef) and node.name == function)
         return ast.get_docstring(own) or ""
 
 
 VERBS = {
-    "demo": Verb("study", "demo", "demo -o demo", _CERTIFIED),
-    "robot": Verb("campaign", "robot", "robot list"),
+    "demo": Verb("study", "demo -o demo", _CERTIFIED),
+    "robot": Verb("campaign", "robot list"),
     "import": Verb(
         "campaign",
-        "import_log",
         "import log.csv --robot deltalab -o campaign",
         ("the campaign was written (or looks right, with --preview)", "nothing was written: the data look mixed up"),
+        function="import_log",
     ),
-    "simulate": Verb("campaign", "simulate", "simulate deltalab -o campaign --joint-error 1"),
+    "simulate": Verb("campaign", "simulate deltalab -o campaign --joint-error 1"),
     "check": Verb(
-        "campaign",
-        "check",
-        "check campaign",
-        ("nothing looks wrong", "something is to be looked at (each with a sentence)"),
+        "campaign", "check campaign", ("nothing looks wrong", "something is to be looked at (each with a sentence)")
     ),
-    "calibrate": Verb("study", "calibrate", "calibrate study -o calibrated"),
-    "certify": Verb("certify", "certify", "certify campaign -o run --tolerance 0.5", _CERTIFIED),
-    "accuracy": Verb("report", "accuracy", "accuracy run -o accuracy --workspace x=-50:50,y=-50:50,z=300:400"),
-    "verify": Verb("verify", "verify", "verify run", ("every certificate proved", "one refused")),
-    "report": Verb("report", "report", "report run"),
-    "export": Verb("report", "export", "export run --format toml -o parameters.toml"),
-    "handeye study": Verb("handeye", "study", "handeye study --simulate 20 -o study"),
+    "calibrate": Verb("study", "calibrate study -o calibrated"),
+    "certify": Verb("certify", "certify campaign -o run --tolerance 0.5", _CERTIFIED),
+    "accuracy": Verb("report", "accuracy run -o accuracy --workspace x=-50:50,y=-50:50,z=300:400"),
+    "verify": Verb("verify", "verify run", ("every certificate proved", "one refused")),
+    "report": Verb("report", "report run"),
+    "export": Verb("report", "export run --format toml -o parameters.toml"),
+    "handeye study": Verb("handeye", "handeye study --simulate 20 -o study"),
     "handeye certify": Verb(
         "handeye",
-        "certify",
         "handeye certify study -o run --tolerance 1",
         (
             "the bracket is closed, or with --tolerance the tolerance is met",
             "the bracket is open, or with --tolerance it is not met or undecided",
         ),
     ),
-    "handeye legs": Verb("handeye", "legs", "handeye legs run --frames frames"),
-    "image target": Verb("image", "target", "image target -o target.toml"),
-    "image camera": Verb("image", "camera", "image camera head_camera.yaml -o camera.toml"),
-    "image detect": Verb(
-        "image", "detect", "image detect images --target target.toml --camera camera.toml -o poses.csv"
-    ),
-    "image sets": Verb("image", "sets", "image sets images --target target.toml --camera camera.toml -o sets"),
+    "handeye legs": Verb("handeye", "handeye legs run --frames frames"),
+    "image target": Verb("image", "image target -o target.toml"),
+    "image camera": Verb("image", "image camera head_camera.yaml -o camera.toml"),
+    "image detect": Verb("image", "image detect images --target target.toml --camera camera.toml -o poses.csv"),
+    "image sets": Verb("image", "image sets images --target target.toml --camera camera.toml -o sets"),
     "solve": Verb(
-        "solve",
         "solve",
         "solve kin1.bch -o kin1.json",
         (
@@ -172,7 +168,7 @@ VERBS = {
             "a limit came first, or the certificate does not hold all of the answer",
         ),
     ),
-    "plugins": Verb("solve", "plugins", "plugins", hidden=True),
+    "plugins": Verb("solve", "plugins", hidden=True),
 }
 GROUPS = {
     "handeye": "Robot-world hand-eye calibration: a study, how accurate its frames can be, legs in these frames.",
@@ -230,10 +226,11 @@ class _Verbs(TyperGroup):
         if name not in VERBS:
             return None
         verb = VERBS[name]
+        called = verb.function or cmd_name
         if self.listing:  # all verbs: none is imported
-            return TyperCommand(cmd_name, help=verb.summary, hidden=verb.hidden)
+            return TyperCommand(cmd_name, help=verb.summary(called), hidden=verb.hidden)
         alone = typer.Typer(add_completion=False, rich_markup_mode="markdown")
-        function = getattr(import_module(f"cpcal.cli.{verb.module}"), verb.function)
+        function = getattr(import_module(f"cpcal.cli.{verb.module}"), called)
         alone.command(cmd_name, epilog=verb.epilog)(command(function))
         made = typer.main.get_command(alone)
         _untyped(made.get_params(ctx))

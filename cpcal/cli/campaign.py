@@ -15,12 +15,7 @@ from cpcal.cli.verbs import FORCE, Status, Talk, argument, check_new, option, op
 from cpcal.common.errors import Problem, Problems, refuse, unusable
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, nearest
-from cpcal.files import (
-    load_campaign,
-    save_campaign,
-    save_study,
-    settings_template,
-)
+from cpcal.files import load_campaign, save_campaign, save_study, settings_template
 from cpcal.questions import check_data
 from cpcal.questions.log import FRAME_NOTES, load_log
 from cpcal.robot import ROBOTS, Campaign, known_robot, rotation_vector
@@ -212,10 +207,7 @@ def check(campaign: Path = argument("CAMPAIGN", "Folder of campaign.toml, measur
 # `cpcal simulate`. None: not given; what is simulated has its own default.
 
 _OF_CAMPAIGNS = ("extremal", "factor")
-_OF_STUDIES = (
-    *("validation_runs", "images", "render"),
-    *("axis_offset", "backlash", "sag", "gain"),
-)
+_OF_STUDIES = ("validation_runs", "images", "render", "axis_offset", "backlash", "sag", "gain")
 
 
 _study = partial(option, panel="Study: the paper's experiment (--study)")
@@ -265,10 +257,9 @@ def simulate(
     """
     given = {name: value for name, value in asdict(options).items() if value is not None}
     if given.pop("study"):
-        refuse_options((name for name in _OF_CAMPAIGNS if name in given), "with --study")
+        refuse_options(_OF_CAMPAIGNS, given, "with --study")
     else:
-        remedy = "add --study, or leave it out"
-        refuse_options((name for name in _OF_STUDIES if name in given), "without --study", remedy)
+        refuse_options(_OF_STUDIES, given, "without --study", "add --study, or leave it out")
     check_new(folder, force=force)
     nominal = known_robot(robot)
     if not options.study:

@@ -45,13 +45,7 @@ from cpcal.report import (
     parameters_section,
     write_report,
 )
-from cpcal.report.run_page import (
-    advice,
-    answer_section,
-    comparison_section,
-    passing,
-    write_comparison,
-)
+from cpcal.report.run_page import advice, answer_section, comparison_section, passing, write_comparison
 from cpcal.report.section import Mark, Section, Table, Words
 from cpcal.report.words import SHORT_QUANTIFIER, overall, uncertified_legs
 from cpcal.robot import Campaign
@@ -130,7 +124,7 @@ def show_result(talk: Talk, campaign: Campaign, result: Result, model: LegModel)
     talk.say(title)
     answer = answer_section(result, advice(campaign, result, model))
     legs = result.legs if talk.verbose else result.legs[:_MOST_LEGS]
-    show(talk, replace(answer, items=answer.items[: len(legs)]))
+    show(talk, answer._replace(items=answer.items[: len(legs)]))
     if more := len(result.legs) - len(legs):
         talk.say(f"and {more} more legs, which the report shows")
     if result.options.outliers:
@@ -161,10 +155,10 @@ def certified_into(run: Path, question: Question, *, talk: Talk, place: Place = 
 
     def find(draft: Path) -> Result:
         kept.begin()
-        here = replace(question, certificates=draft, checkpoints=kept)
+        here = question._replace(certificates=draft, checkpoints=kept)
         try:
             with line(talk.console()) as shown:
-                result = answered(replace(here, progress=shown.leg), place)
+                result = answered(here._replace(progress=shown.leg), place)
         except LostWorkerError as error:
             result = _kept_until(error, here)
         except MemoryError as error:
@@ -193,7 +187,7 @@ def _kept_until(lost: LostWorkerError, question: Question) -> Result:
     give_up(Reason.DESERTED)
     if question.checkpoints is None or asked() is None:
         raise lost
-    result = answered(replace(question, checkpoints=replace(question.checkpoints, resume=True)))
+    result = answered(question._replace(checkpoints=question.checkpoints._replace(resume=True)))
     if not result.legs:
         raise lost
     warn(str(lost))
@@ -273,10 +267,10 @@ def certify(
     models = names_of(options.model or "")
     several, changed = len(models) > 1, {k for k, v in asdict(CertifyFlags()).items() if getattr(options, k) != v}
     if several:
-        refuse_options((name for name in _NOT_WITH_MODELS if name in changed), "with several models")
+        refuse_options(_NOT_WITH_MODELS, changed, "with several models")
         given = {name: value for name, value in given.items() if name not in ("model", "ranges", *_NOT_WITH_MODELS)}
     elif options.outliers:
-        refuse_options((name for name in _NOT_WITH_OUTLIERS if name in changed), "with --outliers")
+        refuse_options(_NOT_WITH_OUTLIERS, changed, "with --outliers")
     loaded = warned(load_campaign(campaign))
     with where.place() as place:
         if several:
@@ -306,7 +300,7 @@ def _models_compared(questions: Sequence[Question], runs: Path, resume: bool, pl
         stopped = len(found) < len(questions) or any(result.interrupted for result in found.values())
         page = write_comparison(found, runs, stopped=stopped, title=questions[0].campaign.title)
         compared = comparison_section(found)
-        show(talk, compared if talk.verbose else replace(compared, parts=()))
+        show(talk, compared if talk.verbose else compared._replace(parts=()))
         talk.say(*[] if talk.verbose else [SHORT_QUANTIFIER])
         talk.say(f"Page: {page}")
         if stopped:

@@ -3,24 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from cpcal.checker.files import STUDY_NAME
 from cpcal.cli.certify import show as show_sections
-from cpcal.cli.verbs import (
-    FIRST_ROW,
-    FORCE,
-    Status,
-    Talk,
-    answer,
-    argument,
-    check_new,
-    numbers_of,
-    option,
-    output,
-)
+from cpcal.cli.verbs import FIRST_ROW, FORCE, Status, Talk, answer, argument, check_new, numbers_of, option, output
 from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import listed
 from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, rounded_down, rounded_up
@@ -117,8 +106,8 @@ def study(
             remedy = "give --board, --camera and --poses (or --robot) too"
             raise unusable("option --photos", "is not enough", remedy)
         if poses is not None:
-            form: dict[str, Any] = {"rotation": rotation, "unit": unit or "", "base_in_hand": base_in_hand}
-            given = load_hand_poses(poses, **form, names=photo_names(photos))
+            names = photo_names(photos)
+            given = load_hand_poses(poses, rotation=rotation, unit=unit or "", base_in_hand=base_in_hand, names=names)
         elif robot is not None:
             given, setup = platform_poses(load_study(robot)), "eye-to-hand"
         lens, turn, target = load_camera(camera).camera, hinted(first_row), load_target(board)
@@ -195,17 +184,24 @@ def certify(
         (wrong and (gap != GAP or time_limit is not None or at is not None), "options", alone, "leave them out"),
     )
     study = load_hand_eye(folder)
-    asked: dict[str, Any] = {"tolerance": tolerance, "tell": talk.progress()}
     if count is not None and poses is not None:
-        return _next(study, poses, count, asked, talk)
+        return _next(study, poses, count, tolerance, talk)
     assert run is not None
-    asked["at"] = numbers_of(at, float, "x, y, z in mm", "--at")
-    asked |= {"outliers": wrong, "within": Within.parsed(within), "gap": gap}
-    asked["time_limit"] = np.inf if time_limit is None else time_limit
+    point, box = numbers_of(at, float, "x, y, z in mm", "--at"), Within.parsed(within)
 
     def find(draft: Path) -> HandEyeResult:
         (draft / STUDY_NAME).write_bytes(study_json(study))  # for whoever checks the run
-        return certify_hand_eye(study, certificates=draft, **asked)
+        return certify_hand_eye(
+            study,
+            outliers=wrong,
+            within=box,
+            tolerance=tolerance,
+            gap=gap,
+            certificates=draft,
+            time_limit=np.inf if time_limit is None else time_limit,
+            at=point,
+            tell=talk.progress(),
+        )
 
     def show(found: HandEyeResult) -> None:
         talk.say(searched(found))
@@ -216,8 +212,8 @@ def certify(
     return Status.ANSWERED if good else Status.UNKNOWN
 
 
-def _next(study: HandEyeStudy, poses: Path, count: int, asked: dict[str, Any], talk: Talk) -> Status:
-    found = next_images(study, load_hand_poses(poses), count, **asked)
+def _next(study: HandEyeStudy, poses: Path, count: int, tolerance: float | None, talk: Talk) -> Status:
+    found = next_images(study, load_hand_poses(poses), count, tolerance=tolerance, tell=talk.progress())
     rows = []
     for label, one in (("so far", found.before), *((f"+ {one.name}", one) for one in found.chosen)):
         widths = [nearest(max(one.widths[k : k + 3]), 3) for k in (0, 3, 6, 9)]

@@ -369,11 +369,7 @@ def sets(
     sources = {camera.name: camera.read_bytes()}
     sources |= {target.name: target.read_bytes()} if target.is_file() else {"target.toml": target_bytes(plate)}
     rows: list[Enclosed] = []
-    with (
-        heard(terminate=True),
-        answers_into(folder, POSE_SETS) as draft,
-        counted("images", talk.console()) as progress,
-    ):
+    with heard(terminate=True), answers_into(folder, POSE_SETS) as draft, counted("images", talk.console()) as progress:
         work = Enclosing(source, plates, cameras, half_width, outliers, draft, sources, turn)
         for some in in_parallel(work, names, workers):
             rows += some

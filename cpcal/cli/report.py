@@ -5,26 +5,13 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import typer
 
-from cpcal.cli.verbs import (
-    CAMPAIGN,
-    FITS,
-    RUN,
-    TIMEOUT,
-    Status,
-    Talk,
-    answer,
-    argument,
-    numbers_of,
-    option,
-    output,
-)
+from cpcal.cli.verbs import CAMPAIGN, FITS, RUN, TIMEOUT, Status, Talk, answer, argument, numbers_of, option, output
 from cpcal.cli.verify import checked_certificates, refusals
 from cpcal.common.documents import toml_text
 from cpcal.common.errors import printable, unusable
@@ -119,8 +106,7 @@ DRAWING_FRAME = (
 _ROUNDING = 1e-9  # mm, more than moving a box in float64 can lose
 
 
-@dataclass(frozen=True, eq=False)
-class DrawingFrames:
+class DrawingFrames(NamedTuple):
     """Camera in the base frame and target in the mobile frame: rotations (3, 3) and positions (3,), mm."""
 
     camera: tuple[Floats, Floats]
@@ -197,20 +183,19 @@ def _leg(campaign: Campaign, result: Result, leg: LegResult, frames: DrawingFram
     columns: dict[str, Floats] = {
         "nominal": np.append(campaign.robot.parameters[leg.leg - 1], np.zeros(len(result.model.extra))),
         "least_squares": fitted(campaign, result, leg, model_of(result)).x,
+        "recommended": np.array(best.point),
     }
-    if best is not None:
-        columns["recommended"] = np.array(best.point)
     if frames is not None:
         columns = {name: frames.point(x) for name, x in columns.items()}
     if ranges is not None:
         lo, hi = ranges.box.lo, ranges.box.hi
         columns["range_lo"], columns["range_hi"] = (lo, hi) if frames is None else frames.box(lo, hi)
-    proofs = [bracket.certificate, best and best.certificate, ranges and ranges.certificate]
+    proofs = [bracket.certificate, best.certificate, ranges and ranges.certificate]
     return _known(
         leg=leg.leg,
         verdict=verdict_of(result, leg).word if leg.certified else NOT_CERTIFIED,
         recommended=recommendation(result, leg),
-        largest_error=best.largest if best is not None and best.certificate else None,
+        largest_error=best.largest if best.certificate else None,
         passes_from=passes.eps if passes is not None and passes.certificate else None,
         not_certified=str(leg.not_certified) or None,
         eps_lo=bracket.lo if leg.certified and math.isfinite(bracket.lo) else None,
@@ -421,7 +406,7 @@ def accuracy(
             result,
             poses=named,
             workspace=space,
-            assume=error[0] if error is not None and len(error) == 1 else error,
+            assume=error,
             cells=cells,
             next_poses=count,
             certificates=draft,

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import typer
 
@@ -131,11 +131,10 @@ TOLERANCE = 1.0  # mm: what the legs are to be good to
 TIMEOUT_GAP = 0.01  # relative
 
 
-@dataclass(frozen=True)
-class DemoPlan:
+class DemoPlan(NamedTuple):
     """How much is done: the size of the study (else the paper's), legs, seconds of the timeout method a leg."""
 
-    size: Mapping[str, int] = field(default_factory=dict)
+    size: Mapping[str, int] = {}
     legs: tuple[int, ...] | None = None
     timeout_seconds: float = 3.0
 
@@ -192,9 +191,9 @@ def _timeout(campaign: Campaign, folder: Path, talk: Talk) -> Result:
     """eps by the paper's timeout method, a few seconds a leg."""
     legs = list(PLAN.legs or range(1, campaign.legs + 1))
     talk.say(f"The paper's timeout method (section 5.2.1), {stated(PLAN.timeout_seconds)} s a leg:")
-    limits: dict[str, Any] = {"time_limit": PLAN.timeout_seconds, "gap": TIMEOUT_GAP}
+    seconds, gap = PLAN.timeout_seconds, TIMEOUT_GAP
     with line(talk.console()) as shown:
-        timeout = certify(campaign, legs=legs, method="timeout", progress=shown.leg, **limits)
+        timeout = certify(campaign, legs=legs, method="timeout", progress=shown.leg, time_limit=seconds, gap=gap)
     save_result(timeout, folder, campaign)
     show_result(replace(talk, verbose=False), campaign, timeout, PLAIN)
     return timeout

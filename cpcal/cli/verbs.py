@@ -13,7 +13,7 @@ import os
 import shlex
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from enum import IntEnum
@@ -100,10 +100,10 @@ FIRST_ROW = option(
 FORCE = option(False, "Write into a folder that is not empty.")
 
 
-def refuse_options(given: Iterable[str], because: str, remedy: str = "leave it out") -> None:
-    """InputError that names each of these options, if there are any; they are called as their parameters."""
-    names = (f"option --{name.replace('_', '-')}" for name in given)
-    refuse(*((True, name, f"has no meaning {because}", remedy) for name in names))
+def refuse_options(names: Sequence[str], given: Container[str], because: str, remedy: str = "leave it out") -> None:
+    """InputError that names each of these options that is given, if there are any; they are called as parameters."""
+    what = f"has no meaning {because}"
+    refuse(*((name in given, f"option --{name.replace('_', '-')}", what, remedy) for name in names))
 
 
 def numbers_of(text: str | None, kind: Callable[[str], T], what: str, option: str) -> tuple[T, ...] | None:

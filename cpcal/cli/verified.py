@@ -52,7 +52,7 @@ _AGAIN = {  # what to do about a run in which no leg is certified
 # A run of legs, and accuracy.
 
 
-def of_run(run: Path, checked: Callable[[], list[LegChecked]], *, verbose: bool = False) -> Iterator[Statement]:
+def of_run(run: Path, checked: Callable[[], list[LegChecked]], *, verbose: bool) -> Iterator[Statement]:
     """What is accepted of a run; `checked` gives its legs; `verbose`: what nobody proves, too.
 
     Raises InputError, Refused.
@@ -63,7 +63,7 @@ def of_run(run: Path, checked: Callable[[], list[LegChecked]], *, verbose: bool 
     campaign = load_campaign_json(run)
     for sentence in _stated_otherwise(campaign, result):
         yield False, f"{RESULT_NAME}: REFUSED, {sentence}"
-    if (missing := notices(result, campaign.legs)) is not None:
+    if missing := notices(result, campaign.legs):
         yield True, missing
     for leg, found in zip(legs, result.legs, strict=True):
         if leg.refused is not None:

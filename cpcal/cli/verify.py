@@ -252,8 +252,7 @@ def verify(
     """
     said = []
     for one in chain(
-        [] if campaign is None else _other_campaign(target, campaign),
-        statements(target, verbose=talk.verbose),
+        [] if campaign is None else _other_campaign(target, campaign), statements(target, verbose=talk.verbose)
     ):
         said.append(one)
         if talk.verbose or VACUOUS not in one[1]:

@@ -13,11 +13,11 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import astuple, dataclass
 from fractions import Fraction as F
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -95,8 +95,7 @@ def exact_study(study: HandEyeStudy) -> Study:
     )  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class Proof:
+class Proof(NamedTuple):
     """What is proved at a tolerance: `left` (30 unknowns) holds all frames that explain the pixels; None: there are
     none.
 
@@ -109,8 +108,8 @@ class Proof:
     left: Box | None
     certificate: str | None
     poses: tuple[str, ...] = ()
-    sets: Mapping[int, tuple[Any, Any]] = field(default_factory=dict)
-    files: Mapping[str, tuple[dict[str, Any], Contracted]] = field(default_factory=dict)
+    sets: Mapping[int, tuple[Any, Any]] = {}
+    files: Mapping[str, tuple[dict[str, Any], Contracted]] = {}
     last: tuple[tuple[str, int], ...] = ()
     programs: int = 0
     timed: bool = False
@@ -163,8 +162,8 @@ class Prover:
                 return one
             if one.certificate is not None:
                 sets[k] = one.left.lo, one.left.hi
-                before = replace(
-                    before, sets=sets, poses=(*before.poses, one.certificate), files={**before.files, **one.files},
+                before = before._replace(
+                    sets=sets, poses=(*before.poses, one.certificate), files={**before.files, **one.files},
                     programs=before.programs + one.programs,
                 )  # fmt: skip
         if sets or self.exact.uncertain:

@@ -16,9 +16,9 @@ import json
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from cpcal.checker.hand_eye import STUDY_FORMAT
 from cpcal.common.documents import KeyPath, TomlReader, csv_table, document, json_object, one_of, text
 from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import write_folder
-from cpcal.common.values import Floats, Indices, Value, fill, freeze, frozen_array
+from cpcal.common.values import Floats, Indices, Value, fill, frozen_array
 from cpcal.files.log import poses_of_log, read_log
 from cpcal.files.tables import Table, read_table
 from cpcal.robot import Pose, compose, inverse, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
@@ -99,7 +99,7 @@ class HandEyeStudy(Value):
 
     def motions(self, readings: Floats | None = None) -> tuple[Floats, Floats]:
         """Rotations (n, 3, 3) and translations (n, 3), mm, of H_i at the stated poses or at readings, in float64."""
-        poses = self.poses if readings is None else read_poses(self.poses, readings)
+        poses = read_poses(self.poses, readings)
         turn, shift = rotation_matrix(poses.quaternion), poses.position
         if self.setup == "eye-to-hand":
             return turn, shift
@@ -108,8 +108,9 @@ class HandEyeStudy(Value):
 
     def exactly(self, readings: Floats | None = None) -> HandEyeStudy:
         """The study with each pose as it is stated, or at its reading, taken as exact."""
-        poses = self.poses if readings is None else read_poses(self.poses, readings)
-        return replace(self, poses=poses, pose_half_width=np.zeros_like(self.pose_half_width))
+        return replace(
+            self, poses=read_poses(self.poses, readings), pose_half_width=np.zeros_like(self.pose_half_width)
+        )
 
     def part(self, chosen: Indices) -> HandEyeStudy:
         """The study of some of the images, in their order."""
@@ -129,24 +130,22 @@ class HandEyeStudy(Value):
         )
 
 
-def read_poses(poses: Pose, readings: Floats) -> Pose:
+def read_poses(poses: Pose, readings: Floats | None) -> Pose:
     """Poses at readings (n, 6) of them, (d, w) in mm and rad: position + d, R(1, w / 2) R, in the base frame."""
+    if readings is None:
+        return poses
     turn = np.concatenate([np.ones((len(readings), 1)), 0.5 * readings[:, 3:]], axis=1)
     turn /= np.linalg.norm(turn, axis=1, keepdims=True)
     return Pose(poses.position + readings[:, :3], quaternion_product(turn, poses.quaternion))
 
 
-@dataclass(frozen=True, eq=False)
-class HandEyeFrames(Value):
+class HandEyeFrames(NamedTuple):
     """E and F: rotations (3, 3), translations (3,) mm."""
 
     e_rotation: Floats
     e_translation: Floats
     f_rotation: Floats
     f_translation: Floats
-
-    def __post_init__(self) -> None:
-        freeze(self, *(one.name for one in fields(self)))
 
 
 def study_of_board(
@@ -178,8 +177,7 @@ CAMERA = Camera(1280, 960, np.array([1000.0, 1000.0]), np.array([639.5, 479.5]),
 _TILT = np.radians(40.0)
 
 
-@dataclass(frozen=True, eq=False)
-class SimulatedHandEye:
+class SimulatedHandEye(NamedTuple):
     """A study and the frames that made it."""
 
     study: HandEyeStudy

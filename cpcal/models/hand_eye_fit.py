@@ -7,23 +7,17 @@ proved.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cpcal.common.errors import unusable
 from cpcal.common.least_squares import Blocks, Fit, least_squares
 from cpcal.common.numbers import nearest
-from cpcal.common.values import Floats, Value, freeze
+from cpcal.common.values import Floats
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, Setup, read_poses
-from cpcal.robot import (
-    Pose,
-    inverse,
-    quaternion_from_matrix,
-    quaternion_from_rotation_vector,
-    rotation_matrix,
-)
+from cpcal.robot import Pose, inverse, quaternion_from_matrix, quaternion_from_rotation_vector, rotation_matrix
 from cpcal.robot.kinematics import LEAST_SPREAD, axis_text, cross_matrix, nearest_rotation, world_hand_eye
 from cpcal.solver.linear import Dense, LinearStatus
 
@@ -38,15 +32,11 @@ PARAMETERS = 12  # rotation vector of E (rad, camera frame), its translation, th
 READING = 6  # unknowns of a reading: d and w
 
 
-@dataclass(frozen=True, eq=False)
-class ReadFrames(Value):
+class ReadFrames(NamedTuple):
     """Frames, and a reading (d, w) of each image's pose: (n, 6) mm and rad."""
 
     frames: HandEyeFrames
     readings: Floats
-
-    def __post_init__(self) -> None:
-        freeze(self, "readings")
 
 
 class PixelModel:
@@ -114,15 +104,11 @@ class PixelModel:
 
     def moved(self, at: ReadFrames, step: Floats) -> ReadFrames:
         """By a step (size,): rotations turn by a vector; readings are kept within their half-widths."""
-
-        def turned(matrix: Floats, vector: Floats) -> Floats:
-            return np.asarray(rotation_matrix(quaternion_from_rotation_vector(vector)) @ matrix)
-
         old, readings, width = at.frames, at.readings, self.study.pose_half_width
         frames = HandEyeFrames(
-            turned(old.e_rotation, step[:3]),
+            rotation_matrix(quaternion_from_rotation_vector(step[:3])) @ old.e_rotation,
             old.e_translation + step[3:6],
-            turned(old.f_rotation, step[6:9]),
+            rotation_matrix(quaternion_from_rotation_vector(step[6:9])) @ old.f_rotation,
             old.f_translation + step[9:12],
         )
         if self._images:
@@ -202,8 +188,7 @@ _LEAST_PIXEL = 1e-6  # px, where single images fit without error
 _APART = 2.0  # how many times more all images together leave than single ones, where the robot's poses matter
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ClassicalAnswer(Value):
+class ClassicalAnswer(NamedTuple):
     """Least squares on pixels.
 
     frames      E and F
@@ -221,10 +206,6 @@ class ClassicalAnswer(Value):
     covariance: Floats
     rms: float
     remarks: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        arrays = ("readings", "residuals", "covariance")
-        freeze(self, *arrays)
 
 
 def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
@@ -269,13 +250,12 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
         return exact.moved(at, shifted)
 
     at = least_squares(exact, jacobian, at, tolerance=1e-13, moved=moved, steps=_STEPS).at
-    residuals = model(at)
-    covariance = _covariance(exact.jacobian(at), residuals)
-    rms = float(np.sqrt(np.mean(residuals**2)))
+    covariance = _covariance(exact.jacobian(at), model(at))
     if study.uncertain:
         deviation = np.maximum(study.pose_half_width, _LEAST_GAIN) / np.sqrt(3.0)
         at, covariance, _ = _weighted_fit(model, at, max(alone, _LEAST_PIXEL), deviation)
-        residuals = model(at)
+    residuals = model(at)
+    rms = float(np.sqrt(np.mean(residuals**2)))
     remarks = _weak_directions(study.setup, at.frames, covariance)
     if not study.uncertain and 0.0 < _APART * alone < rms:
         remarks.append(
@@ -288,7 +268,7 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
         readings=at.readings,
         residuals=residuals.reshape(2, -1).T,
         covariance=covariance,
-        rms=float(np.sqrt(np.mean(residuals**2))),
+        rms=rms,
         remarks=tuple(remarks),
     )
 

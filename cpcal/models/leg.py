@@ -14,7 +14,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +38,7 @@ from cpcal.solver.network.network import restricted
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.network.tape import Tape
 
+FORTH, BACK = [1, 2, 0], [2, 0, 1]  # of a cross product
 PARAMETERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 
 
@@ -323,8 +324,7 @@ def leg_network(
     return net
 
 
-@dataclass(frozen=True, eq=False)
-class LegEquation:
+class LegEquation(NamedTuple):
     """`body` is g (N,), to be multiplied by `scale` (N,) if there is one, over the parameters: all of `network`."""
 
     network: ConstraintNetwork
@@ -391,8 +391,7 @@ def turned_rows(s: Expr, v: Expr) -> Expr:
 
 def _cross_rows(x: Expr, y: Expr | Floats) -> Expr:
     """Cross products of rows, (N, 3) or (1, 3)."""
-    forth, back = [1, 2, 0], [2, 0, 1]
-    return x[:, forth] * y[:, back] - x[:, back] * y[:, forth]
+    return x[:, FORTH] * y[:, BACK] - x[:, BACK] * y[:, FORTH]
 
 
 def rational_rotations(q: Expr) -> tuple[Expr, Expr]:

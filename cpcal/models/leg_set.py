@@ -16,10 +16,10 @@ the bounds, each from the multipliers of a linear program.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction as F
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -44,8 +44,7 @@ _SETTLED = 0.75  # another pass only while some width shrinks below this part of
 _WIDE = 1e9  # mm^2: the first domain of w and C, which the contractor narrows
 
 
-@dataclass(frozen=True, eq=False)
-class CertifiedSet:
+class CertifiedSet(NamedTuple):
     """Proved: z of every x in S lies in `box` (17,), and `basis.T @ z[:7]` in `along` (7,).
 
     S holds all x = (a, b, l) in a leg's box with |g(x, M_k)| <= `eps` mm for every measurement k, for SOME reading M_k
@@ -62,8 +61,7 @@ class CertifiedSet:
     ranges: Callable[[Floats], IntervalArray]
 
 
-@dataclass(frozen=True, eq=False)
-class AskedSet:
+class AskedSet(NamedTuple):
     """Which S is asked for: of a leg, at a model error, within `delta` mm of `center` (7,); `controller` (7,) is x^.
 
     `only`: some measurements, numbers from 0; None: all.
@@ -140,8 +138,7 @@ _FORMS = 64  # in one linear program
 _LOSS = 0.002  # of a width, given away for shorter numbers
 
 
-@dataclass(frozen=True)
-class EnclosedLeg:
+class EnclosedLeg(NamedTuple):
     """PROVED by its certificate: all x of the set lie from `lo` to `hi`, the form of each pose in its range, and x
     `along` each of the `directions` (7 of 7 numbers) in its."""
 

@@ -30,7 +30,7 @@ import numpy as np
 from cpcal.checker.platform import COORDINATES, AboutCenter, Commanded, Leg, LegEquation
 from cpcal.common.errors import unusable
 from cpcal.common.values import Bools, Floats
-from cpcal.models.leg import rotations
+from cpcal.models.leg import BACK, FORTH, rotations
 from cpcal.models.leg_set import CertifiedSet
 from cpcal.robot import Pose, Robot, leg_vectors, normalised, pose_jacobian, small_rotation
 from cpcal.solver.certificate.exact_network import free
@@ -42,12 +42,10 @@ from cpcal.solver.search import Decision, EventKind, Node, Piece, Search
 # ------------------------------------------------------------------------------------------------------------------
 # Interval vectors and matrices, many at a time: the last axes count components, those before broadcast.
 
-_FORTH, _BACK = [1, 2, 0], [2, 0, 1]
-
 
 def cross(x: IntervalArray, y: IntervalArray) -> IntervalArray:
     """Of vectors (..., 3) and (..., 3)."""
-    return x[..., _FORTH] * y[..., _BACK] - x[..., _BACK] * y[..., _FORTH]
+    return x[..., FORTH] * y[..., BACK] - x[..., BACK] * y[..., FORTH]
 
 
 def applied(matrix: IntervalArray, x: Numbers) -> IntervalArray:
@@ -82,8 +80,7 @@ def crossing(v: IntervalArray) -> IntervalArray:
 # Cells of the workspace: all poses P + p, R(1, s) R(q) with (p, s) in a box around 0. A pose is a cell of no size.
 
 
-@dataclass(frozen=True, eq=False)
-class Cells:
+class Cells(NamedTuple):
     """K cells: `center` holds K poses, exact numbers (R(q) divides by |q|^2); `reach` (K, 6) the boxes of (p, s)."""
 
     center: Pose
@@ -119,8 +116,7 @@ _CENTERINGS = 2
 _ROUNDED, _LOST = 1.0 + 1e-12, 1e-13
 
 
-@dataclass(frozen=True, eq=False)
-class PoseBounds:
+class PoseBounds(NamedTuple):
     """For K cells; where `proved` is False nothing is, and bounds are infinite.
 
     position  (K,) mm: ||p|| is at most this; rotation (K,) rad: the angle of R(1, s) is at most this
@@ -332,7 +328,7 @@ class Equations:
 
 def _crossed(x: Floats, y: Floats) -> Floats:
     """The most that the components of a cross product can be."""
-    return x[..., _FORTH] * y[..., _BACK] + x[..., _BACK] * y[..., _FORTH]
+    return x[..., FORTH] * y[..., BACK] + x[..., BACK] * y[..., FORTH]
 
 
 def proved_sizes(image: Callable[[Floats], Floats], value: Floats, good: Bools) -> tuple[Floats, Bools]:
@@ -420,8 +416,7 @@ def rotated(rows: Floats) -> Pose:
     return Pose(rows[:, :3], normalised(small_rotation(rows[:, 3:])))
 
 
-@dataclass(frozen=True, eq=False)
-class Covered:
+class Covered(NamedTuple):
     """What the branch and bound leaves.
 
     `cells`: boxes of (P, S) that cover the workspace, each with the `CellBound` that is proved. `at` (6,): the pose

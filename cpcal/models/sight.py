@@ -27,7 +27,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction as F
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -204,11 +204,7 @@ def _sight(
             "hi": _hex(boxes.hi),
             "rays": _hex(np.nan_to_num(rays)),
         },
-        "camera": {
-            "numbers": _hex(cameras.camera.numbers),
-            "spread": _hex(cameras.spread),
-            "field": _hex(radius),
-        },
+        "camera": {"numbers": _hex(cameras.camera.numbers), "spread": _hex(cameras.spread), "field": _hex(radius)},
         "target": {
             "radius": _hex(target.radius),
             "dots": _hex(target.dots[boxes.numbers]),
@@ -267,8 +263,7 @@ _FIRST_GAIN, _GAIN = 0.5, 0.02  # share of some width that a pass must take away
 _FIRST_LOSS, _LOSS = 0.02, 0.001  # share of what is left of a width, given away for shorter numbers
 
 
-@dataclass(frozen=True)
-class _Ended:
+class _Ended(NamedTuple):
     """What a search found: the box that is left (None: no pose) about a quaternion, dots that are wrong for sure, the
     names of the certificates that say so."""
 
@@ -279,9 +274,9 @@ class _Ended:
 
 
 class _Search:
-    """Encloses the poses that show all dots but at most so many; its certificates go beside `stem`."""
+    """Encloses the poses that show all dots but at most so many; names of its certificates begin with `stem`."""
 
-    def __init__(self, sight: Sight, digest: str, outliers: int, stem: Path | None) -> None:
+    def __init__(self, sight: Sight, digest: str, outliers: int, stem: str) -> None:
         self.sight, self.digest, self.outliers, self.stem = sight, digest, outliers, stem
         self.written: list[tuple[str, dict[str, Any], Contracted]] = []
         self._places = np.array([[float(v.lo) for v in dot.at[:2]] for dot in sight.dots])
@@ -354,16 +349,9 @@ class _Search:
         gain, loss = (_FIRST_GAIN, _FIRST_LOSS) if first else (_GAIN, _LOSS)
         found = Descent(system, gain, loss=loss).over(rows.root)
         if found.steps or first:
-            stem = "" if self.stem is None else self.stem.name
             said = {"format": FORMAT, "pose_set": self.digest, **header, "turn": [number(v) for v in header["turn"]]}
-            self.written.append((f"{stem}.{len(self.written) + 1}.cert.jsonl", said, found))
+            self.written.append((f"{self.stem}.{len(self.written) + 1}.cert.jsonl", said, found))
         return found
-
-    def write(self, claim: dict[str, Any]) -> None:
-        assert self.stem is not None
-        for file, header, found in self.written:
-            write_steps(self.stem.with_name(file), header, found.left, found.steps)
-        write_file(self.stem.with_name(self.stem.name + SUFFIX), line(claim).encode("ascii"))
 
 
 def _dealt(dots: Floats, count: int) -> list[Indices]:
@@ -472,7 +460,7 @@ def enclose_pose(
     stem = None if certificate is None else Path(certificate)
     named = "" if stem is None else stem.name
     inputs, sight = _sight(boxes, targets, cameras, named, sources or {})
-    search = _Search(sight, digest_of(inputs), outliers, stem)
+    search = _Search(sight, digest_of(inputs), outliers, named)
 
     at, pose, position, rotation = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], None, None, None
     try:
@@ -487,19 +475,20 @@ def enclose_pose(
         seconds = time.perf_counter() - begin
         return PoseSet(Verdict.UNKNOWN, None, None, None, outliers, (), str(reason), seconds)
     if stem is not None:
-        search.write(
-            {
-                "format": POSE_SET_FORMAT,
-                "inputs": inputs,
-                "outliers": outliers,
-                "refuted": pose is None,
-                "pose": _hex(at),
-                "position_radius": None if position is None else _hex(position),
-                "rotation_radius": None if rotation is None else _hex(rotation),
-                "wrong": list(found.wrong),
-                "after": list(found.after),
-            }
-        )
+        claim = {
+            "format": POSE_SET_FORMAT,
+            "inputs": inputs,
+            "outliers": outliers,
+            "refuted": pose is None,
+            "pose": _hex(at),
+            "position_radius": None if position is None else _hex(position),
+            "rotation_radius": None if rotation is None else _hex(rotation),
+            "wrong": list(found.wrong),
+            "after": list(found.after),
+        }
+        for file, header, part in search.written:
+            write_steps(stem.with_name(file), header, part.left, part.steps)
+        write_file(stem.with_name(named + SUFFIX), line(claim).encode("ascii"))
     verdict = Verdict.REFUTED if pose is None else Verdict.PROVED
     numbers = tuple(sorted(int(boxes.numbers[k]) for k in found.wrong))
     return PoseSet(verdict, pose, position, rotation, outliers, numbers, "", time.perf_counter() - begin)
@@ -509,8 +498,7 @@ def enclose_pose(
 # Guaranteed pose sets of many images: measured dots, boxes about the centres of their images, certificates.
 
 
-@dataclass(frozen=True)
-class Enclosed:
+class Enclosed(NamedTuple):
     """Of one image: its pose set, or the reason why there is none."""
 
     file: str

@@ -33,13 +33,7 @@ from .study_calibration import (
     load_record,
     save_record,
 )
-from .verdict import (
-    INFORMATION,
-    contractors_sentences,
-    recommendation,
-    status_of,
-    verdict_of,
-)
+from .verdict import INFORMATION, contractors_sentences, recommendation, status_of, verdict_of
 
 __all__ = [
     "INFORMATION",

@@ -6,11 +6,11 @@ import math
 import os
 import tempfile
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction as F
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -23,20 +23,14 @@ from cpcal.common.values import Floats, Indices
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.models import PLAIN, beyond_legs
+from cpcal.models.frames import Tell, exact
 from cpcal.models.leg_set import AskedSet, CertifiedSet, EnclosedLeg, certified_set, enclosed_leg
 from cpcal.models.platform import Cells, Workspace, cell_bounds, centered, cover, first_grid, pose_inverse, rotated
 from cpcal.questions.next_measurement import NextPose, Polytope, attained, leg_changes
 from cpcal.questions.next_measurement import next_poses as chosen_next
 from cpcal.questions.result import CampaignNote, Result
 from cpcal.questions.verdict import verdict_of
-from cpcal.robot import (
-    Campaign,
-    Pose,
-    Robot,
-    inverse_kinematics,
-    pose_jacobian,
-    turn_between,
-)
+from cpcal.robot import Campaign, Pose, Robot, inverse_kinematics, pose_jacobian, turn_between
 from cpcal.solver.certificate.exact_network import free
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -143,11 +137,6 @@ class WorkspaceAccuracy:
         """PROVED under the assumption for every pose in the cells that are not left out."""
         return max((cell.position_bound for cell in self.cells if cell.proved), default=math.inf)
 
-    @property
-    def rotation_bound(self) -> float:
-        """Likewise."""
-        return max((cell.rotation_bound for cell in self.cells if cell.proved), default=math.inf)
-
 
 @dataclass(frozen=True)
 class Accuracy:
@@ -196,11 +185,9 @@ _WORST = 4  # poses, for which next poses are chosen
 _MEASURED = 64  # poses of the campaign, where none are asked about
 _SHRINKS = 8  # by a quarter each, of a workspace that is proposed
 _SAMPLE = 300  # poses of a workspace, for estimates
-Told = Callable[[str], None]
 
 
-@dataclass(frozen=True)
-class NamedPoses:
+class NamedPoses(NamedTuple):
     """K poses with names."""
 
     names: tuple[str, ...]
@@ -218,7 +205,7 @@ def certify_accuracy(
     cells: int = 600,
     next_poses: int = 4,
     certificates: str | os.PathLike[str] | None = None,
-    tell: Told | None = None,
+    tell: Tell | None = None,
 ) -> Accuracy:
     """For each pose that the controller commands, and for all of a workspace: how far off the platform can be.
 
@@ -243,27 +230,24 @@ def certify_accuracy(
     """
     began, say = time.monotonic(), tell or (lambda _: None)
     held = held_coordinates(campaign)
-    problems = _problems(campaign, result, assume, held)
-    if poses is not None and len(poses.names) > MOST_POSES:
-        what = f"are {len(poses.names)}, and certificates hold {MOST_POSES} at most"
-        problems.append(Problem("poses", what, "ask for some of them at a time"))
-    if problems:
+    if problems := list(_problems(campaign, result, poses, assume, held)):
         raise InputError(problems)
-    known = np.array([leg.recommended.point for leg in result.legs if leg.recommended is not None])
+    known = np.array([leg.recommended.point for leg in result.legs])
     robot, proposal = Robot.from_parameters("controller", known), ""
     if poses is None and workspace is None:
         poses = measured_poses(campaign)
         workspace, proposal = proposed_workspace(campaign, robot, held)
     named = poses or NamedPoses((), Pose(np.zeros((0, 3)), np.zeros((0, 4))))
     pairs = zip(named.poses.position, named.poses.quaternion, strict=True)
-    commanded = [Commanded(_exact(position), _exact(quaternion)) for position, quaternion in pairs]
+    commanded = [Commanded(exact(position), exact(quaternion)) for position, quaternion in pairs]
     places = [named.poses]
     if workspace is not None:
         places.append(rotated(np.random.default_rng(1).uniform(workspace.lo, workspace.hi, (_SAMPLE, 6))))
     away = [distance_from_measured(campaign, inverse_kinematics(robot, some)) for some in places]
     far = np.concatenate(away).max(axis=0, initial=0.0).tolist()
     rows = [_kept(campaign, leg.bracket.left_out) for leg in result.legs]
-    found = [suggested_error(campaign.rows(only), k + 1, far[k]) for k, only in enumerate(rows)]
+    parts = [campaign.rows(only) for only in rows]
+    found = [suggested_error(part, k + 1, far[k]) for k, part in enumerate(parts)]
     errors = np.broadcast_to([eps for eps, _ in found] if assume is None else assume, (campaign.legs,)).tolist()
     if not np.isfinite(errors).all():
         what = "leaves no residuals that would suggest a model error"
@@ -287,7 +271,7 @@ def certify_accuracy(
     say("certified sets")
     sets = [] if len(enclosed) < campaign.legs else [one for one in map(certified_set, asked) if one is not None]
     if len(sets) == campaign.legs:
-        polytopes = [Polytope.about(campaign.rows(only), one) for only, one in zip(rows, sets, strict=True)]
+        polytopes = list(map(Polytope.about, parts, sets))
         fitted = campaign.rows(_kept(campaign, [name for leg in result.legs for name in leg.bracket.left_out]))
         say(f"{len(named.names)} poses")
         u = expanded_uncertainty(fitted, robot, named.poses, held)
@@ -295,11 +279,11 @@ def certify_accuracy(
         for k, name in enumerate(named.names):
             legs = zip(robot.parameters, enclosed, errors, strict=True)
             rest = [
-                Leg(_exact(row), one.lo, one.hi, one.directions, one.along, F(eps), one.forms[k])
+                Leg(exact(row), one.lo, one.hi, one.directions, one.along, F(eps), one.forms[k])
                 for row, one, eps in legs
             ]
             middle, inverse = centered(commanded[k], rest, held)
-            coordinates = _exact(middle), list(map(_exact, inverse))
+            coordinates = exact(middle), list(map(exact, inverse))
             bounds = pose_bounds(commanded[k], rest, F(WITHIN[0]), F(WITHIN[1]) / 2, *coordinates, free, held)
             lo, hi, *most = ((), (), np.inf, np.inf) if bounds is None else stated(bounds)
             x, y, z, *q = np.concatenate([named.poses.position[k], named.poses.quaternion[k]]).tolist()
@@ -321,17 +305,18 @@ def certify_accuracy(
                 )
             )
         worst = sorted((pose for pose in at if pose.proved), key=lambda pose: -pose.position_bound)[:_WORST]
-        position, quaternion = [p.position for p in worst], [p.quaternion for p in worst]
+        there = [(*pose.position, *pose.quaternion) for pose in worst]
         if workspace is not None:
             over = _over(workspace, sets, gap, cells, held, say, proposal)
             last = rotated(np.array([over.worst_pose]))
             largest = float(expanded_uncertainty(fitted, robot, places[-1], held).max())
             over = replace(over, u_position=largest, attained=float(attained(robot, polytopes, sets, last, held)[0]))
             if over.worst_pose_bound:
-                position, quaternion = [*position, *last.position], [*quaternion, *last.quaternion]
-        if next_poses > 0 and position:
-            there = Pose(np.array(position), np.array(quaternion))
-            following = chosen_next(campaign, sets, polytopes, there, next_poses, held=held)
+                there += [(*last.position[0], *last.quaternion[0])]
+        if next_poses > 0 and there:
+            values = np.array(there)
+            worst_poses = Pose(values[:, :3], values[:, 3:])
+            following = chosen_next(campaign, sets, polytopes, worst_poses, next_poses, held=held)
     return Accuracy(
         campaign=CampaignNote(campaign_sha256(campaign), campaign.robot.name, len(campaign)),
         version=__version__,
@@ -348,46 +333,44 @@ def certify_accuracy(
     )
 
 
-def _exact(values: Floats) -> tuple[F, ...]:
-    return tuple(map(F, values.tolist()))
-
-
 def _kept(campaign: Campaign, left_out: Collection[str]) -> Indices:
     """Numbers, from 0, of all measurements but some."""
     return np.flatnonzero(np.isin(campaign.measurement_ids, list(left_out), invert=True))
 
 
 def _problems(
-    campaign: Campaign, result: Result, assume: float | Sequence[float] | None, held: tuple[int, ...]
-) -> list[Problem]:
-    found, n = [], campaign.legs
+    campaign: Campaign,
+    result: Result,
+    poses: NamedPoses | None,
+    assume: float | Sequence[float] | None,
+    held: tuple[int, ...],
+) -> Iterator[Problem]:
+    n, legs = campaign.legs, [leg.leg for leg in result.legs]
+    whole = legs == list(range(1, n + 1))
     if campaign_sha256(campaign) != result.campaign.sha256:
-        found.append(Problem("run", "is of another campaign", "name the run's own"))
+        yield Problem("run", "is of another campaign", "name the run's own")
     if result.model.name != PLAIN.name:
         what = f"has the leg model {result.model.name!r}"
-        found.append(Problem("run", what, "certify with the plain model: others have no accuracy certificate yet"))
+        yield Problem("run", what, "certify with the plain model: others have no accuracy certificate yet")
     if not 6 - len(held) <= n <= MOST_LEGS:
         vary = ", ".join(name for k, name in enumerate(COORDINATES) if k not in held)
         remedy = f"ask for a robot of at most {MOST_LEGS} legs that determine its pose"
-        found.append(Problem("robot", f"has {n} legs, and its measured poses vary in {vary}", remedy))
-    elif [leg.leg for leg in result.legs] != list(range(1, n + 1)):
-        text = ", ".join(str(leg.leg) for leg in result.legs) or "none"
-        found.append(Problem("run", f"holds these legs only: {text}", f"certify all {n}"))
-    elif any(leg.recommended is None for leg in result.legs):
-        found.append(Problem("run", "recommends no parameters for some leg", "certify again"))
-    if assume is None:
-        failed = [str(leg.leg) for leg in result.legs if verdict_of(result, leg).word == "fail"]
-        if failed:
-            what = f"fails its tolerance: leg {', '.join(failed)}"
-            found.append(Problem("run", what, "say what model error to assume: --assume MM"))
-        return found
-    values = np.atleast_1d(np.asarray(assume, np.float64))
+        yield Problem("robot", f"has {n} legs, and its measured poses vary in {vary}", remedy)
+    elif not whole:
+        yield Problem("run", f"holds these legs only: {', '.join(map(str, legs)) or 'none'}", f"certify all {n}")
+    if poses is not None and len(poses.names) > MOST_POSES:
+        what = f"are {len(poses.names)}, and certificates hold {MOST_POSES} at most"
+        yield Problem("poses", what, "ask for some of them at a time")
+    failed = [str(leg.leg) for leg in result.legs if verdict_of(result, leg).word == "fail"]
+    if assume is None and failed:
+        what = f"fails its tolerance: leg {', '.join(failed)}"
+        yield Problem("run", what, "say what model error to assume: --assume MM")
+    values = np.atleast_1d(np.asarray(0.0 if assume is None else assume, np.float64))
     if values.shape not in ((1,), (n,)) or not (np.isfinite(values) & (values >= 0.0)).all():
-        found.append(Problem("assume", "is no number of mm, 0 or more, nor one for each leg", "give 0.2, say"))
-    elif not found:
+        yield Problem("assume", "is no number of mm, 0 or more, nor one for each leg", "give 0.2, say")
+    elif whole:
         for leg, eps in zip(result.legs, np.broadcast_to(values, (n,)).tolist(), strict=True):
-            found += beyond_legs(campaign, leg.leg, leg.bracket.center[6] - result.options.delta, eps, "assume")
-    return found
+            yield from beyond_legs(campaign, leg.leg, leg.bracket.center[6] - result.options.delta, eps, "assume")
 
 
 def _over(
@@ -396,7 +379,7 @@ def _over(
     gap: float,
     cells: int,
     held: tuple[int, ...],
-    say: Told,
+    say: Tell,
     proposal: str,
 ) -> WorkspaceAccuracy:
     """One that is proposed is made smaller about its middle until the cells of the first grid can be bounded."""

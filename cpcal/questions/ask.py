@@ -141,7 +141,7 @@ def _answered_into(
     with answers_into(run, RUN, question.campaign) as draft:
         kept = Checkpoints.for_run(Path(run), question, resume=resume)
         kept.begin()
-        result = answered(replace(question, certificates=draft, checkpoints=kept), place)
+        result = answered(question._replace(certificates=draft, checkpoints=kept), place)
     kept.end_after(result)
     return result
 
@@ -162,11 +162,11 @@ def answered(question: Question, place: Place = HERE) -> Result:
     done = {leg.leg: with_certificates(question, files, leg) for leg, files in earlier}
     left = [leg for leg in numbers if leg not in done]
     if len(left) == 1 and not isinstance(place[0], Here):
-        question, place = replace(question, place=place), HERE
+        question, place = question._replace(place=place), HERE
     executor, most = place
     here = isinstance(executor, Here)
     near = isinstance(executor, Here | Processes)  # else perhaps of another machine, without our folders
-    there = replace(question, progress=question.progress if here else None, checkpoints=kept if near else None)
+    there = question._replace(progress=question.progress if here else None, checkpoints=kept if near else None)
     interrupted = False
     try:
         for number, future in outcomes(executor, most, partial(_aside, there), left):
@@ -201,7 +201,7 @@ def _aside(question: Question, leg: int) -> AnsweredLeg:
     with linear_algebra_on_one_thread(), TemporaryDirectory(prefix="cpcal-") as place:
         folder = Path(place)
         if question.certificates is not None:
-            question = replace(question, certificates=folder)
+            question = question._replace(certificates=folder)
         found, stopped = certify_leg(question, leg)
         return found, stopped, {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 

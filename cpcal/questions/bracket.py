@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -48,8 +48,7 @@ def network_of(question: Question, leg: int, center: Floats, highest: float | No
     return leg_network(question.campaign, leg, box, eps=domain, model=question.model)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PreparedLeg:
+class PreparedLeg(NamedTuple):
     """A leg (from 1) of a question, around `center` (n,): parameters of the model in mm.
 
     problem    its equations
@@ -63,7 +62,7 @@ class PreparedLeg:
     center: Floats
     problem: Prepared
     named: list[tuple[str, Contractor]]
-    only: tuple[int, ...] | None = None
+    only: tuple[int, ...] | None
     statement: Statement | None = None
 
     @property
@@ -80,7 +79,7 @@ class PreparedLeg:
         """The same for some measurements, without a certificate."""
         network = of_measurements(self.problem.network, only)
         named = plugins.build_each(network, self.question.options.contractors, objective="eps")
-        return replace(self, problem=Prepared(network, "eps"), named=named, only=only, statement=None)
+        return self._replace(problem=Prepared(network, "eps"), named=named, only=only, statement=None)
 
     def stated(self, domain: Box) -> Statement | None:
         """What a certificate about a part of the domain would say; None where none is wanted, or there can be none."""
@@ -110,7 +109,7 @@ def prepared_leg(
         named=plugins.build_each(network, question.options.contractors, objective="eps"),
         only=only,
     )
-    return replace(found, statement=found.stated(network.domain)) if built_in(question.model) else found
+    return found._replace(statement=found.stated(network.domain)) if built_in(question.model) else found
 
 
 class LegProver:
@@ -139,8 +138,7 @@ class LegProver:
 # Every search about a leg, and what its certificate claims.
 
 
-@dataclass(frozen=True)
-class Answered:
+class Answered(NamedTuple):
     """What was found, the name of its certificate, and the calls of the solver that led to it (method timeout).
 
     `lost`: why there is no certificate, although something was proved that it could claim.

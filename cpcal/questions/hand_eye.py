@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
 from pathlib import Path
@@ -32,7 +32,7 @@ from cpcal.common.errors import InputError, refuse, unusable
 from cpcal.common.numbers import at_least, at_most
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
-from cpcal.models.frames import PlacedFrames, Proof, Prover, exact, exact_study
+from cpcal.models.frames import PlacedFrames, Proof, Prover, Tell, exact, exact_study
 from cpcal.models.hand_eye import HandEyeStudy, load_study_json
 from cpcal.models.hand_eye_fit import (
     ClassicalAnswer,
@@ -170,10 +170,7 @@ class Classical:
     `readings`: of the robot's poses, image by image, where these are uncertain.
     """
 
-    readings: Annotated[
-        tuple[Reading, ...],
-        _LEAST_SQUARES,
-    ]
+    readings: Annotated[tuple[Reading, ...], _LEAST_SQUARES]
     largest: Annotated[float, _AGAIN]
     images: tuple[ImageVerdict, ...]
 
@@ -220,10 +217,7 @@ class HandEyeResult:
     ]
     ranges: FrameRanges | None
     classical: Classical
-    blamed: Annotated[
-        tuple[tuple[str, tuple[RefutedGroup, ...]], ...],
-        _BLAMED,
-    ]
+    blamed: Annotated[tuple[tuple[str, tuple[RefutedGroup, ...]], ...], _BLAMED]
     provenance: Informed[Mapping[str, str]]
     version: Informed[str]
     gap: Informed[float]
@@ -280,7 +274,6 @@ _GROUP_SHARES = (0.999, 0.97, 0.9, 0.7)  # of the least error of the groups: wha
 _LEAST = 4  # images of a group
 _TRIALS = 30  # of random images that the fit starts from
 
-Tell = Callable[[str], None]
 _Refuted = list[tuple[Sequence[int], Proof]]  # groups of images that no frames explain
 
 

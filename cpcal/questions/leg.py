@@ -4,20 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cpcal.common.values import Floats, Indices
-from cpcal.models import (
-    built_in,
-    exactly_read,
-    leg_box,
-    model_statement,
-    of_measurements,
-)
+from cpcal.models import built_in, exactly_read, leg_box, model_statement, of_measurements
 from cpcal.questions.bracket import (
     Answered,
     PreparedLeg,
@@ -134,10 +128,10 @@ def _determination(
 
 def _support(leg: PreparedLeg, found: Minimum) -> tuple[str, ...]:
     """Few measurements that give the lower bound by themselves."""
-    question = replace(leg.question, place=None, checkpoints=None)
+    question = leg.question._replace(place=None, checkpoints=None)
     if question.options.support == "none":
         return ()
-    leg, limits, best = replace(leg, question=question), question.limits, Known(found.witness, 0)
+    leg, limits, best = leg._replace(question=question), question.limits, Known(found.witness, 0)
 
     def alone(elements: Indices) -> Alone:
         """The lower bound by a part of the measurements; the best point of all is one of theirs."""
@@ -192,7 +186,7 @@ def ranges_of(prepared: PreparedLeg, leg: LegResult) -> tuple[Ranges | None, boo
     domain = prepared.at(eps)
     if domain.is_empty:
         return None, False
-    asked = replace(prepared, question=replace(question, checkpoints=None))
+    asked = prepared._replace(question=question._replace(checkpoints=None))
     start = np.append(leg.center if bracket.point is None else bracket.point, eps)
     found = searched(asked, the_enclosure, file=f"{PREFIX}leg{leg.leg}", domain=domain, start=start)
     box = found.minimum.enclosure
@@ -220,8 +214,7 @@ _SMALLEST = 1e-9  # mm, likewise
 _ACTIVE = 1e-6  # mm: rows this near to the largest decide a fit
 
 
-@dataclass(frozen=True)
-class _Refutation:
+class _Refutation(NamedTuple):
     """Measurements that alone prove eps >= lo, and the certificate of that."""
 
     members: frozenset[int]
@@ -235,7 +228,7 @@ def robust_leg(question: Question, leg: int) -> LegResult:
     A search that ends at the limits leaves the bracket open, as does one that cannot refute the target.
     """
     began, options, ids = time.monotonic(), question.options, question.campaign.measurement_ids
-    question = replace(question, place=None, checkpoints=None)
+    question = question._replace(place=None, checkpoints=None)
     center, supports = question.center(leg), list[_Refutation]()
     without = guessed(question, leg, center)
     best = _searched(prepared_leg(question, leg, center=center, only=_others(question, without))).minimum

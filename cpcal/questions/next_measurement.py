@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from cpcal.common.errors import unusable
 from cpcal.common.numbers import about, at_most, stated
 from cpcal.common.values import Floats
 from cpcal.models import PLAIN, ModelResiduals, reading_moves
+from cpcal.models.frames import Tell
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy
 from cpcal.models.hand_eye_fit import PARAMETERS, PixelModel, ReadFrames, classical_answer, excess
 from cpcal.models.leg_set import CertifiedSet
@@ -173,11 +174,7 @@ def leg_changes(robot: Robot, poses: Pose) -> Floats:
 
 
 def attained(
-    robot: Robot,
-    polytopes: Sequence[Polytope],
-    sets: Sequence[CertifiedSet],
-    poses: Pose,
-    held: Sequence[int] = (),
+    robot: Robot, polytopes: Sequence[Polytope], sets: Sequence[CertifiedSet], poses: Pose, held: Sequence[int] = ()
 ) -> Floats:
     """(K,) mm: how far, to first order, some parameters of the sets and errors up to eps move the platform."""
     forms, inverse = leg_changes(robot, poses), pose_inverse(pose_jacobian(robot, poses), held)
@@ -200,11 +197,8 @@ def attained(
 _BEYOND = 1.1  # of the least largest error: the tolerance of the ranges, unless one is given
 _LOOSEST = np.tile([0.3] * 3 + [300.0] * 3, 2)  # rad and mm, of both frames: nothing beyond it is spoken of
 
-Tell = Callable[[str], None]
 
-
-@dataclass(frozen=True)
-class ChosenPose:
+class ChosenPose(NamedTuple):
     """A pose, and the widths (12) that ranges have with it and all chosen before: mm, then degrees, of both frames.
 
     `widest`: mm, the largest of them, a turn counted as what it moves at the target's distance.
@@ -215,8 +209,7 @@ class ChosenPose:
     widest: float
 
 
-@dataclass(frozen=True)
-class NextImages:
+class NextImages(NamedTuple):
     """First-order estimates. `unseen`: poses from which the camera does not see the whole target, or sees its back."""
 
     tolerance: float

@@ -108,11 +108,7 @@ _FITS = ("x_c", "x_c_sigma")
 
 
 def certify_fits(
-    campaign: Campaign,
-    record: CalibrationRecord,
-    folder: str | os.PathLike[str],
-    *,
-    legs: Sequence[int] | None = None,
+    campaign: Campaign, record: CalibrationRecord, folder: str | os.PathLike[str], *, legs: Sequence[int] | None = None
 ) -> Fits:
     """Verify both fits of the record by `certify_point` at eps = 0, with certificates in `folder`.
 

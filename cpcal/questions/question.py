@@ -6,10 +6,10 @@ import hashlib
 import json
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -47,8 +47,7 @@ FOLDER = "checkpoint"
 _LIMITS = {"legs": None, "time_limit": None, "node_limit": None, "tolerance": None}  # change no bracket
 
 
-@dataclass(frozen=True)
-class Checkpoints:
+class Checkpoints(NamedTuple):
     """The folder, and what its files are of: they are refused for anything else. `resume`: what is there counts."""
 
     folder: Path
@@ -118,8 +117,7 @@ def _digest(value: Any) -> str:
 Progress = Callable[[int, Bracket], None]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Question:
+class Question(NamedTuple):
     """Options, and what they are asked of. `certificates`: the folder for them.
 
     `checkpoints`: where what is done is kept meanwhile. `place`: where boxes of a search are decided; None: here.

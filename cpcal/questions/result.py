@@ -36,9 +36,6 @@ _POINT = checked("the claim of the certificate", "certificate", "point_certifica
 _ALL = checked("the claim of the certificate, of all readings", "certificate")
 _BOX = checked("the box of each certificate", "certificate", "proofs", "point_certificate")
 
-CENTERS = ("fit", "nominal", "plain")
-SUPPORTS = ("few", "none")
-METHODS = ("bound", "timeout")
 _ALWAYS = ("delta", "center", "gap", "contractors")
 LARGEST_DELTA = 1e6  # mm: a kilometre
 
@@ -75,7 +72,8 @@ _KINDS: dict[str, tuple[Callable[[Any], Any], Callable[[Any], bool], str, str]] 
     "half_widths": (lambda widths: {str(k): _number(v) for k, v in widths.items()}, lambda _: True, "", ""),
     "outliers": (_whole, lambda count: count >= 0, "{} is no number of measurements", "give 0 or more"),
 }
-for _name, _known in (("center", CENTERS), ("support", SUPPORTS), ("method", METHODS)):
+_WORDS = {"center": ("fit", "nominal", "plain"), "support": ("few", "none"), "method": ("bound", "timeout")}
+for _name, _known in _WORDS.items():
     _KINDS[_name] = str, _known.__contains__, "{!r:.60} is not known", f"use one of {', '.join(_known)}"
 
 
@@ -417,7 +415,7 @@ class LegResult:
     """One leg. Where it has no certificate `not_certified` says why: the numbers were found by the same proofs, but
     nobody can check them again. Raises ValueError for fields that contradict each other.
 
-    recommended    the parameters to load; None where there is no fit by least squares
+    recommended    the parameters to load
     passes_from    the least tolerance found that some parameters meet for all readings
     reduced        where it is open if `recommended` meets the tolerance: with which smaller half-widths it does
     support        ids of few measurements found to give the lower bound by themselves, up to the gap; of all with a
@@ -430,7 +428,7 @@ class LegResult:
 
     leg: Annotated[int, checked("the list of legs, and the certificate")]
     bracket: LegBracket
-    recommended: Recommended | None = None
+    recommended: Recommended
     passes_from: PassesFrom | None = None
     reduced: Reduced | None = None
     ranges: Ranges | None = None
@@ -447,7 +445,7 @@ class LegResult:
         if self.leg < 1:
             raise ValueError("the leg's number is no number of a leg")
         best, points = self.recommended, [one.point for one in (self.recommended, self.passes_from) if one is not None]
-        if best is not None and (best.why not in (LEAST_SQUARES, CONSTRAINED) or not best.largest >= 0.0):
+        if best.why not in (LEAST_SQUARES, CONSTRAINED) or not best.largest >= 0.0:
             raise ValueError("why or largest is nothing that it can be")
         if any(len(point) != len(self.bracket.enclosure.names) for point in points):
             raise ValueError("the recommended parameters are not those of the model")

@@ -11,19 +11,12 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cpcal.calibration.fit import Fit, Noise, Validation, fit, validate
-from cpcal.calibration.frames import (
-    FittedFrame,
-    first_frames,
-    fitted_frames,
-    on_drawing,
-    on_drawing_errors,
-    redefined,
-)
+from cpcal.calibration.frames import FittedFrame, first_frames, fitted_frames, on_drawing, on_drawing_errors, redefined
 from cpcal.calibration.statistics import (
     Of,
     Tests,
@@ -143,23 +136,20 @@ def budget(best: Fit, campaign: Campaign, drawing: Robot, inputs: Inputs) -> Bud
         only = Noise.from_sigmas([size] * 3, [0.0] * 3, np.zeros(campaign.legs), count=len(campaign))
         return errors(replace(best, noise=only, source="noise"))
 
-    stated = {
+    columns = {
+        "repeats and residuals": errors(best),
         "camera_scale": scaled(inputs.camera_scale),
         "target_scale": scaled(inputs.target_scale),
         "lens": lens(inputs.lens),
         "sensor_scale": sensors(inputs.sensor_scale),
         "temperature": scaled(_EXPANSION * inputs.temperature),
     }
-    shared = sum((values**2 for values in stated.values()), nothing)
-    statistical = errors(best)
-    total = np.sqrt(statistical**2 + shared)
-    columns = {"repeats and residuals": (math.nan, statistical)}
-    columns |= {source: (getattr(inputs, source), values) for source, values in stated.items()}
-    columns |= {"combined": (math.nan, total)}
-    rows = []
-    for name, (u, values) in columns.items():
-        rows.append(Contribution(name, u, float(np.sqrt(np.mean(values**2))), float(values.max())))
-    *each, combined = rows
+    statistical, *stated = columns.values()
+    total = columns["combined"] = np.sqrt(sum((values**2 for values in (*stated, statistical)), nothing))
+    *each, combined = (
+        Contribution(name, getattr(inputs, name, math.nan), float(np.sqrt(np.mean(values**2))), float(values.max()))
+        for name, values in columns.items()
+    )
     return Budget(inputs, tuple(each), _rows(2.0 * total), combined.rms, combined.largest)
 
 
@@ -338,8 +328,7 @@ save_record, load_record = _DOCUMENT.save, _DOCUMENT.load
 # The steps.
 
 
-@dataclass(frozen=True, eq=False)
-class StudyCalibration:
+class StudyCalibration(NamedTuple):
     """What a study's classical calibration found.
 
     drawing       the study's robot

@@ -16,8 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from cpcal.common.numbers import at_least, at_most, gap_text, stated
 from cpcal.models import PARAMETERS
@@ -34,8 +33,7 @@ Kind = Literal["explained", "unexplained", "bounded", "undecided", "undetermined
 Wide = tuple[tuple[str, float, float], ...]  # name, lo, hi
 
 
-@dataclass(frozen=True)
-class LegVerdict:
+class LegVerdict(NamedTuple):
     """What `kind` it is. Proved, in mm: it fails below `lo`, some parameters fit at `hi` for SOME readings, those
     recommended are right to within `largest` for ALL, and it passes from `passes_from` (infinite: nothing is proved).
 
@@ -134,7 +132,7 @@ def verdict_of(result: Result, leg: LegResult, tolerance: float | None = None) -
     at, eps = options.tolerance if tolerance is None else tolerance, options.eps
     closed, refuted = bracket.verdict is Verdict.PROVED, eps is not None and bracket.verdict is Verdict.REFUTED
     lo, hi = bracket.lo, bracket.hi
-    largest = math.inf if leg.recommended is None else leg.recommended.largest
+    largest = leg.recommended.largest
     passes_from = math.inf if leg.passes_from is None else leg.passes_from.eps
     poor, wide, beyond = leg.determination, _wide(options, leg), None
     if poor is not None and poor.tests_the_model:
@@ -160,8 +158,6 @@ def verdict_of(result: Result, leg: LegResult, tolerance: float | None = None) -
 
 def recommendation(result: Result, leg: LegResult) -> str:
     """What the recommended parameters are, and whether they conform, in a few words."""
-    if leg.recommended is None:
-        return "none"
     kind, at, conforms = verdict_of(result, leg).kind, result.options.tolerance, ""
     if at is not None:
         conforms = "; not shown to conform"

@@ -1,12 +1,5 @@
 from .figures import errors_svg
-from .run_page import (
-    bounds_table,
-    outliers_section,
-    parameters_section,
-    render,
-    residuals_drawing,
-    write_report,
-)
+from .run_page import bounds_table, outliers_section, parameters_section, render, residuals_drawing, write_report
 from .words import FRAME, LONGER, QUANTIFIER, center_sentence, leg_sentence, notices
 
 __all__ = [

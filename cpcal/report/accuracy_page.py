@@ -89,12 +89,13 @@ def sentences(found: Accuracy) -> list[str]:
             f"is {proved[0].name}. cpcal verify checks it again."
         )
     if over is not None and len(over.left_out) < len(over.cells):
+        turn = degrees_up(max(cell.rotation_bound for cell in over.cells if cell.proved))
         end = "" if over.complete else " The search stopped at its limit of cells: more would narrow this bound."
         out.append(
             "PROVED, not checked again: under the assumption, by rounded arithmetic which no certificate holds, "
             "anywhere in the workspace"
             f"{' but the cells left out' * bool(over.left_out)} the platform is within {at_most(over.position_bound)} "
-            f"mm and {degrees_up(over.rotation_bound)} degrees of where the controller says. At the worst pose met the "
+            f"mm and {turn} degrees of where the controller says. At the worst pose met the "
             f"bound is {at_least(over.worst_pose_bound)} mm.{end}"
         )
     if over is not None and over.left_out:
@@ -230,7 +231,7 @@ def _at_poses(found: Accuracy) -> Iterator[Section]:
             "The bounds, and the box x, y, z, are proved (under the assumption). What some parameters that the "
             "measurements allow attain is estimated to first order. U is estimated: the parameters' uncertainty, and a "
             "model error like that of the residuals; it speaks of 95 % of poses, not of all. Far: the largest distance "
-            "of a leg's length from every measured one, of the measured stroke.",
+            "of a leg's length from every measured one, of the measured stroke."
         ],
     )
 

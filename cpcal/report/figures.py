@@ -111,9 +111,9 @@ class Plot:
         share = (np.asarray(points, dtype=np.float64).reshape(-1, 2) - start) / (end - start)
         return np.asarray(np.array([left, bottom]) + share * np.array([right - left, top - bottom]))
 
-    def area(self, fill: str, *polygons: npt.ArrayLike, edge: str = "none", width: float = 0.8, dash: str = "") -> None:
-        """Polygons (n, 2) that look alike."""
-        self._path("".join(_track(self.at(points)) + "Z" for points in polygons), edge, width, dash, fill)
+    def area(self, fill: str, polygon: npt.ArrayLike, edge: str = "none", width: float = 0.8, dash: str = "") -> None:
+        """A polygon (n, 2)."""
+        self._path(_track(self.at(polygon)) + "Z", edge, width, dash, fill)
 
     def line(self, colour: str, *tracks: npt.ArrayLike, width: float = 1.0, dash: str = "") -> None:
         """Polylines (n, 2) that look alike."""
@@ -136,7 +136,7 @@ class Plot:
             lines = [np.array(line, dtype=np.float64) for line in _SHAPES[shape]]
             self._path("".join(_track(place + 0.5 * size * line) for place in places for line in lines), colour, width)
 
-    def hover(self, points: npt.ArrayLike, texts: Sequence[str], size: float = 10.0) -> None:
+    def hover(self, points: npt.ArrayLike, texts: Sequence[str], size: float) -> None:
         """What is said of each point when the pointer is on it, within a disc of that diameter."""
         for (x, y), text in zip(self.at(points).tolist(), texts, strict=True):
             disc = f'<circle cx="{_n(x)}" cy="{_n(y)}" r="{_n(0.5 * size)}" style="fill: transparent">'
@@ -190,8 +190,14 @@ def _n(value: float) -> str:
 FARTHEST = 1e6  # what lies beyond is not drawn, an arrow points to it
 _LEAST = 1e-6  # half the width of what is drawn, at least
 _ROW, _TOP, _BOTTOM, _WIDE = 22.0, 22.0, 32.0, 330.0  # points
-COLOURS = {"explained": "good", "unexplained": "bad", "bounded": "known", "undecided": "open", "undetermined": "poor"}
-COLOURS |= {"uncompared": "open"}
+COLOURS = {
+    "explained": "good",
+    "unexplained": "bad",
+    "bounded": "known",
+    "undecided": "open",
+    "undetermined": "poor",
+    "uncompared": "open",
+}
 
 
 def errors_svg(result: Result) -> Svg:
@@ -203,10 +209,9 @@ def errors_svg(result: Result) -> Svg:
     asked, names, bars = result.options.tolerance, dict[float, str](), list[tuple[float, float, float, str]]()
     for leg in result.legs:
         passes = leg.bracket.hi if leg.passes_from is None else leg.passes_from.eps
-        largest = math.nan if leg.recommended is None else leg.recommended.largest
         colour = f"var(--{COLOURS[verdict_of(result, leg).kind]})"
         names[len(bars)] = f"leg {leg.leg}"
-        bars.append((leg.bracket.lo, passes, largest, colour))
+        bars.append((leg.bracket.lo, passes, leg.recommended.largest, colour))
     line = asked or 0.0
     most = max([line, *(v for bar in bars for v in bar[:3] if v <= FARTHEST)])
     far, count, size = most + max(0.08 * most, _LEAST), len(bars), (_WIDE, _TOP + _ROW * len(bars) + _BOTTOM)

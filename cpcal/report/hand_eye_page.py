@@ -10,16 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from cpcal.common.files import listed
-from cpcal.common.numbers import (
-    about,
-    at_least,
-    at_most,
-    bracket_text,
-    nearest,
-    rounded_down,
-    rounded_up,
-    stated,
-)
+from cpcal.common.numbers import about, at_least, at_most, bracket_text, nearest, rounded_down, rounded_up, stated
 from cpcal.questions.hand_eye import PARAMETERS, HandEyeResult
 from cpcal.report.figures import residuals_svg
 from cpcal.report.section import Drawing, Page, Section, Table, origin, verdict
@@ -220,10 +211,8 @@ def sentences(found: HandEyeResult) -> list[str]:
         if found.eps_lo > 0.0:
             said.append(f"Whichever {which} left out, no frames explain all others to {low} px (proved).")
         proved = [image for image, _ in found.blamed]
-        for image in proved:
-            said.append(
-                f"{image} is wrong, if at most {which} and right ones fit to {at_most(found.eps, 5)} px (proved)."
-            )
+        fits = f"if at most {which} and right ones fit to {at_most(found.eps, 5)} px (proved)."
+        said += [f"{image} is wrong, {fits}" for image in proved]
         undecided = [image for image in found.left_out if image not in proved]
         if undecided:
             said.append(f"Not proved to be wrong, though the others fit best without: {', '.join(undecided)}.")

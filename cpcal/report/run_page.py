@@ -78,10 +78,7 @@ _LONGEST = 100  # characters; longer values of the provenance stand in campaign.
 
 
 def write_report(
-    campaign: Campaign,
-    result: Result,
-    folder: str | os.PathLike[str],
-    model: LegModel | None = None,
+    campaign: Campaign, result: Result, folder: str | os.PathLike[str], model: LegModel | None = None
 ) -> Path:
     """Write the page to `report.html` in `folder`, all or nothing; both are made if missing. Its path.
 
@@ -113,7 +110,7 @@ def render(
         what, remedy = f"names a leg that is not there: {absent[0]}", f"certify again: legs are 1 to {campaign.legs}"
         raise unusable("result", what, remedy)
     kicker = "certified calibration" + ", some measurements may be wrong" * bool(result.options.outliers)
-    above = [notices(result, campaign.legs) or "", *(f"Look at the campaign first: {s}" for s in suspicions(campaign))]
+    above = [notices(result, campaign.legs), *(f"Look at the campaign first: {s}" for s in suspicions(campaign))]
     model = model_of(result, model)
     found = advice(campaign, result, model)
     proof = None if run is None or result.options.outliers else embedded(Path(run), result, study=study is not None)
@@ -188,9 +185,9 @@ def bounds_table(result: Result) -> Table:
     eps, some_wrong = result.options.eps, result.options.outliers
     rows: list[tuple[Words, ...]] = []
     for leg in result.legs:
-        (lo, hi), bounds = (leg.bracket.lo, leg.bracket.hi), list[Words]()
-        for side, end, text in zip(("eps_lo", "eps_hi"), (lo, hi), bracket_text(lo, hi), strict=True):
-            bounds.append(claim(text, side, leg, end))
+        ends = leg.bracket.lo, leg.bracket.hi
+        named = zip(bracket_text(*ends), ("eps_lo", "eps_hi"), ends, strict=True)
+        bounds = [claim(text, side, leg, end) for text, side, end in named]
         rest = "yes" if leg.certified else "no", str(len(leg.support))
         if some_wrong:
             rest = ", ".join(leg.bracket.left_out) or "none", str(len(leg.bracket.proofs))
@@ -269,14 +266,12 @@ def leg_section(campaign: Campaign, result: Result, leg: LegResult, model: LegMo
     tolerance = result.options.tolerance
     drawn = residuals_drawing(campaign, leg, model, found.fit, tolerance=tolerance, wrong=found.wrong)
     said = [leg_sentence(result, leg)] if result.options.eps is not None or leg.not_certified else []
-    if drawn is None:
-        said.append("The residuals are not drawn: there are no parameters to draw them at.")
     word = "certified, not checked here" if leg.certified else "not certified"
     proof = Mark(word, "proof", data={"proof": str(leg.leg)})  # the page says there whether it accepts the certificates
     return Section(
         (f"Leg {leg.leg} ", badge(result, leg), " ", proof),
         said,
-        figures=[] if drawn is None else [drawn],
+        figures=[drawn],
         parts=[_behind(campaign, result, leg, found.fit)],
         name=f"leg-{leg.leg}",
         folded=verdict_of(result, leg).passes,
@@ -287,14 +282,13 @@ def parameters_section(campaign: Campaign, result: Result, leg: LegResult) -> Se
     """A row a parameter: what to load, and its range; where none was computed, the enclosure of the optimum."""
     _, bounds, held = _range(result, leg)
     best, said = leg.recommended, list[Words]()
-    title = f"Leg {leg.leg}" if best is None else f"Leg {leg.leg}: {recommendation(result, leg)}"
-    if best is not None and math.isfinite(best.largest):
+    if math.isfinite(best.largest):
         known = claimed_by(best.certificate, at_most(best.largest), "recommended.largest", leg, best.largest)
         said = ["Off by ", known, " mm at most for all readings. "]
-    if best is not None and bounds is not None and not ((bounds[0] <= best.point) & (best.point <= bounds[1])).all():
+    if bounds is not None and not ((bounds[0] <= best.point) & (best.point <= bounds[1])).all():
         held = (*held, " Values to load that lie outside fail that at some measurement, whatever its readings are.")
     table = _table(campaign, result, leg, ("parameter", "load", "at least", "at most"), ("", "main"))
-    return Section(title, [(*said, *held)], tables=[table])
+    return Section(f"Leg {leg.leg}: {recommendation(result, leg)}", [(*said, *held)], tables=[table])
 
 
 def _table(
@@ -312,12 +306,10 @@ def _table(
     for k, name in enumerate(result.model.parameters):
         unit = result.model.unit(name)
         decimals, called = (_DECIMALS, name) if unit == "mm" else (_MORE, f"{name} [{unit}]")
-        row: dict[str, Words] = {"parameter": called, "nominal": nearest(nominal[k], decimals)}
+        load = claimed_by(best.certificate, nearest(best.point[k], decimals), "recommended", leg, best.point[k], name)
+        row: dict[str, Words] = {"parameter": called, "nominal": nearest(nominal[k], decimals), "load": load}
         if fit is not None:
             row["fit"] = nearest(float(fit.x[k]), decimals)
-        if best is not None:
-            load = nearest(best.point[k], decimals)
-            row["load"] = claimed_by(best.certificate, load, "recommended", leg, best.point[k], name)
         if point is not None:
             row["witness"] = claim(nearest(point[k], decimals), "point", leg, point[k], name)
         if bounds is not None:
@@ -380,22 +372,16 @@ def residuals_drawing(
     *,
     tolerance: float | None = None,
     wrong: Sequence[int] = (),
-) -> Drawing | None:
-    """The residuals of the recommended parameters, with bars for their reading sets, and the band of the tolerance.
-
-    Without such parameters those of the proved point, if there is one; without a tolerance the band of their error.
-    """
-    best, hi = leg.recommended, leg.bracket.hi
-    at = leg.bracket.point if best is None else best.point
-    if at is None:
-        return None
+) -> Drawing:
+    """The residuals of the recommended parameters, with bars for their reading sets, and the band of the tolerance;
+    without a tolerance that of their error."""
+    best, at = leg.recommended, leg.recommended.point
     count, chosen = len(campaign), np.zeros(len(campaign), dtype=bool)
     chosen[list(wrong)] = True
     residual, room = model_residuals(campaign, leg.leg, at, model), reading_moves(campaign, leg.leg, at).sum(axis=1)
-    least = hi if best is None else best.largest
+    least = best.largest
     band = tolerance or (least if 0.0 < least < math.inf else float(np.nanmax(np.abs(residual) + room)))
-    other = best is not None and best.why != "least squares"
-    fits = fit.residuals if other and fit is not None else np.full(count, np.nan)
+    fits = np.full(count, np.nan) if fit is None or best.why == "least squares" else fit.residuals
     said = "Of each run of neighbours the worst measurement is drawn." if count > MOST_POINTS else ""
     label = f"Leg {leg.leg}: residuals over the measurements, and the band that they must be within"
     names = [f"{k} ({name})" for k, name in enumerate(campaign.measurement_ids, 1)]
@@ -496,7 +482,7 @@ _CAMPAIGN = "campaign.json"
 _MOST = 4_000_000  # characters; a page with more is too slow to open
 
 
-def embedded(run: Path, result: Result, *, study: bool = False) -> Proof | None:
+def embedded(run: Path, result: Result, *, study: bool) -> Proof | None:
     """Of the folder of a run; None where it holds no certificate of the result, or more than a page should.
 
     The same files give the same text.

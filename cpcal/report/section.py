@@ -6,11 +6,10 @@ Text is text: it is escaped, and hidden characters are shown. Markup is ours alo
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from markupsafe import Markup, escape
 
@@ -26,21 +25,19 @@ if TYPE_CHECKING:
 _PACKAGES = ("numpy", "scipy", "python-flint")
 
 
-@dataclass(frozen=True)
-class Mark:
+class Mark(NamedTuple):
     """Words that look otherwise (`style`, of report.css), lead somewhere, or that the page checks (`data`)."""
 
     words: Words
     style: str = ""
     link: str = ""
-    data: Mapping[str, str] = field(default_factory=dict)
+    data: Mapping[str, str] = {}
 
 
 Words = str | Mark | Sequence["Words"]
 
 
-@dataclass(frozen=True)
-class Table:
+class Table(NamedTuple):
     """`head` names the columns. `columns`: styles of the first ones; `style`: of the whole.
 
     `most`: so many rows are shown, and a note says how many more there are, and in which file (`where`).
@@ -64,8 +61,7 @@ class Table:
         return f"And {more:,} more, in {self.where}." if more > 0 else ""
 
 
-@dataclass(frozen=True)
-class Picture:
+class Picture(NamedTuple):
     """A JPEG, in base64, and its width and height."""
 
     caption: str
@@ -73,15 +69,14 @@ class Picture:
     size: tuple[int, int]
 
 
-@dataclass(frozen=True)
-class Drawing:
+class Drawing(NamedTuple):
     """Figures, or pictures, each with its words, under one caption.
 
     `legend`: what signs mean, by their styles; words alone have none, and a sign that is markup already stays.
     """
 
     figures: Sequence[Svg] = ()
-    legend: Mapping[str, Words] = field(default_factory=dict)
+    legend: Mapping[str, Words] = {}
     caption: Words = ""
     pictures: Sequence[tuple[Picture, Words]] = ()
 
@@ -90,8 +85,7 @@ class Drawing:
         return "".join(figure.document() for figure in self.figures)
 
 
-@dataclass(frozen=True)
-class Section:
+class Section(NamedTuple):
     """In this order: sentences, a list of `items`, figures, tables, `data` by name, small `notes`, and further `parts`.
 
     `title` begins with words alone. `beside`: figures at the right of all that. `folded`: the title alone is seen at
@@ -103,7 +97,7 @@ class Section:
     items: Sequence[Words] = ()
     figures: Sequence[Drawing] = ()
     tables: Sequence[Table] = ()
-    data: Mapping[str, Words] = field(default_factory=dict)
+    data: Mapping[str, Words] = {}
     notes: Sequence[Words] = ()
     parts: Sequence[Section] = ()
     beside: Sequence[Drawing] = ()
@@ -112,8 +106,7 @@ class Section:
     folded: bool = False
 
 
-@dataclass(frozen=True)
-class Proof:
+class Proof(NamedTuple):
     """What a page holds so that it can check itself; made by us, or base64.
 
     data     JSON: the campaign and the certificates, deflated
@@ -129,8 +122,7 @@ class Proof:
     compared: str
 
 
-@dataclass(frozen=True)
-class Page:
+class Page(NamedTuple):
     """One file of HTML that loads nothing. `kicker`: what kind of page it is; `notices` stand above all answers."""
 
     title: str

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -143,8 +143,7 @@ def sorted_svg(curves: dict[str, Floats], label: str) -> Svg:
 # The page.
 
 
-@dataclass(frozen=True)
-class StudyFound:
+class StudyFound(NamedTuple):
     """Everything that a study led to, all of the same campaign.
 
     result   brackets by branch and bound; timeout  those by the paper's timeout method, with a time limit
@@ -158,7 +157,7 @@ class StudyFound:
     result: Result
     timeout: Result
     checked: str
-    truth: Robot | None = None
+    truth: Robot | None
 
 
 def render_study(found: StudyFound, run: str | os.PathLike[str] | None = None) -> str:
@@ -247,7 +246,7 @@ def calibration(record: CalibrationRecord) -> Iterator[Section]:
         notes=[
             "The row labels of the paper’s Table 6 mix degrees and mm; its rows are taken in their order. “By noise "
             "alone” is what perfect parameters would show on these poses: the noise of their own readings. "
-            f"{record.validation.screening}",
+            f"{record.validation.screening}"
         ],
     )
     if record.budget is not None:

@@ -12,13 +12,7 @@ from cpcal.common.errors import CpcalError
 from cpcal.common.numbers import about, at_least, at_most, stated
 from cpcal.common.values import Floats
 from cpcal.models import PLAIN, LegModel, ModelResiduals, fit_model, leg_model
-from cpcal.questions import (
-    LegResult,
-    Result,
-    Uncertified,
-    status_of,
-    verdict_of,
-)
+from cpcal.questions import LegResult, Result, Uncertified, status_of, verdict_of
 from cpcal.questions.verdict import plain_side
 from cpcal.report.section import Mark, Words, verdict
 from cpcal.robot import Campaign
@@ -132,33 +126,33 @@ def leg_lines(result: Result, leg: LegResult, found: Advice) -> Words:
     return (head, first, ".", Mark(second, "second"))
 
 
-def center_sentence(result: Result, leg: LegResult) -> str | None:
-    """What is proved of the middle of the box as a solution."""
+def center_sentence(result: Result, leg: LegResult) -> str:
+    """What is proved of the middle of the box as a solution; empty where it was not asked."""
     names = {"fit": "The least-squares fit", "plain": "The plain model's least-squares fit"}
     name = names.get(result.options.center, "The nominal parameter vector")
-    return None if leg.verified is None else leg.verified.sentence(name)
+    return "" if leg.verified is None else leg.verified.sentence(name)
 
 
-def notices(result: Result, legs: int) -> str | None:
+def notices(result: Result, legs: int) -> str:
     """What stands above all answers: sentences on a user-defined model, on an interrupted run, and on legs of so many
-    that nothing was asked of; None where there is nothing to say."""
+    that nothing was asked of; empty where there is nothing to say."""
     done, every = {leg.leg for leg in result.legs}, range(1, legs + 1)
     asked = result.options.legs or every
-    said = list(filter(None, [result.model.not_compared]))
+    said = [result.model.not_compared] * bool(result.model.not_compared)
     if result.interrupted:
         said.append("Interrupted: what is shown was proved until then.")
         missing = ", ".join(str(leg) for leg in asked if leg not in done)
         said += [f"There is nothing on leg {missing}."] if missing else []
     others = ", ".join(str(leg) for leg in every if leg not in asked)
     said += [f"Not asked about, and not judged: leg {others}."] if others else []
-    return " ".join(said) or None
+    return " ".join(said)
 
 
-def uncertified_legs(result: Result) -> str | None:
-    """A sentence on the legs whose certificate was asked for and is missing, and why; None where there is none."""
+def uncertified_legs(result: Result) -> str:
+    """A sentence on the legs whose certificate was asked for and is missing, and why; empty where there is none."""
     without = [leg for leg in result.legs if not leg.certified and leg.not_certified is not Uncertified.NOT_ASKED]
     each = ", ".join(f"leg {leg.leg} ({leg.not_certified})" for leg in without)
-    return f"Not certified: {each}." if without else None
+    return f"Not certified: {each}." if without else ""
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -130,7 +130,7 @@ def alone(known, eps):
     """Sets that hold only the controller's parameters."""
     nothing = IntervalArray.of(np.zeros(SIZE))
     return [
-        replace(one, eps=eps, box=nothing, along=nothing[:7], ranges=nowhere, controller=row)
+        one._replace(eps=eps, box=nothing, along=nothing[:7], ranges=nowhere, controller=row)
         for one, row in zip(known.sets, known.controller.parameters, strict=True)
     ]
 

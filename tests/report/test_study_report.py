@@ -82,8 +82,7 @@ def test_hostile_names_do_nothing(study):
     note = CampaignNote(campaign_sha256(campaign), HOSTILE, len(campaign))
     page = parsed(
         render_study(
-            dataclasses.replace(
-                study,
+            study._replace(
                 campaign=campaign,
                 record=record,
                 result=dataclasses.replace(study.result, campaign=note),
@@ -106,4 +105,4 @@ def test_parts_of_another_study_are_refused(study, part):
         sha256 = {"campaign": CampaignNote("0" * 64, "R", 64)}
     other = dataclasses.replace(found, **sha256)
     with pytest.raises(cpcal.InputError, match="another campaign"):
-        render_study(dataclasses.replace(study, **{part: other}))
+        render_study(study._replace(**{part: other}))
