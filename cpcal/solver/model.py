@@ -160,8 +160,7 @@ def checked_limits(limits: Limits | None, **named: float | None) -> Limits:
     elif given_by_name:
         raise ModelError("limits are given by limits=cpcal.Limits(...) or by their names, not both")
     limits = replace(limits, **given_by_name)  # type: ignore[arg-type]  # checked here
-    given = (limits.seconds, limits.nodes, limits.gap, limits.gap_absolute)
-    if not all(value is None or (_is_number(value) and value >= 0) for value in given):
+    if not all(value is None or (_is_number(value) and value >= 0) for value in vars(limits).values()):
         raise ModelError(f"{limits!r}: seconds, nodes and gaps are numbers of at least 0")
     return limits
 
@@ -265,7 +264,7 @@ def choice_to_minimize(network: ConstraintNetwork, deadline: float = math.inf) -
         return ("lifted",), "readings: lifted takes them at the ends that decide"
     if not _lifts(network, deadline):
         return ("hc4", "beaumont"), "no row is polynomial, or there are too many products for lifted"
-    left = [c for c in network.constraints if any(node.op not in _SHALLOW for node in topological((c.body,)))]
+    left = [c for c in network.constraints if not c.body.ops <= _SHALLOW]
     if left:
         return ("hc4", "lifted", "beaumont"), f"{len(left)} constraints are not polynomial: beaumont linearises them"
     return ("hc4", "lifted"), "polynomial, or with roots and divisions that are multiplied out"
@@ -277,8 +276,7 @@ def _lifts(network: ConstraintNetwork, deadline: float) -> bool:
         return True
     if len(network.names) > _LIFTED_UNKNOWNS:
         linear_time = all(len(c.body.shape) for c in network.constraints)
-        sizes = (node.size for c in network.constraints for node in topological((c.body,)))
-        largest = max(sizes, default=0)
+        largest = max((node.size for node in topological(c.body for c in network.constraints)), default=0)
         if not linear_time or largest * len(network.names) > _LIFTED_COEFFICIENTS:
             return False
     system = PolynomialForms(network, deadline).on()
@@ -334,8 +332,7 @@ def _polynomials(network: ConstraintNetwork) -> list[Terms]:
 def _whole(terms: Terms, context: Any, size: int) -> Any:
     """A polynomial with whole coefficients that has the same zeros."""
     common = math.lcm(*(c.denominator for c in terms.values()))
-    powers = {m: tuple(m.count(k) for k in range(size)) for m in terms}
-    return context.from_dict({powers[m]: int(c * common) for m, c in terms.items()})
+    return context.from_dict({tuple(m.count(k) for k in range(size)): int(c * common) for m, c in terms.items()})
 
 
 def _expression(polynomial: Any, unknowns: list[Expr]) -> Expr:
@@ -556,9 +553,9 @@ class Network(ConstraintNetwork):
                     contractors, why = CERTIFYING if exact else choice_to_minimize(stated, clock.deadline)
                 network._check_bounded(name, contractors, chosen=why != "asked for")
                 named = plugins.build_each(stated, contractors, objective=name)
+            names = ", ".join(called for called, _ in named)
             if exact and not Contracting(named).gives_weights:
-                given = ", ".join(called for called, _ in named)
-                raise ModelError(f"{given} give no weights: no certificate can be written; use lifted")
+                raise ModelError(f"{names} give no weights: no certificate can be written; use lifted")
             first = None
             if start is not None:
                 count, (first, _) = len(self.names), float_bounds(start)
@@ -594,11 +591,8 @@ class Network(ConstraintNetwork):
                     found = run(states, progress)
                     keeper.end(found)
                 status = found.status + (f" Equations were relaxed to within {numbers.stated(relax)}." if relax else "")
-                method = f"{', '.join(called for called, _ in named)}: {why}"
                 used = row_use(network, named[: len(contractors)], origin)
-                found = replace(
-                    found, status=status, relax=float(relax), names=network.names, method=method, row_use=used
-                )
+                found = replace(found, status=status, relax=float(relax), method=f"{names}: {why}", row_use=used)
                 if certificate is not None and recording is not None:
                     found = certified(recording, certificate, found, network.domain, name)
                 if not (found.pending or found.interrupted):

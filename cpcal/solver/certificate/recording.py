@@ -13,7 +13,7 @@ from dataclasses import replace
 from functools import partial
 from io import StringIO
 from pathlib import Path
-from typing import IO, Any, BinaryIO
+from typing import IO, BinaryIO
 
 import numpy as np
 
@@ -52,7 +52,7 @@ class UncheckableError(InputError):
     """The checker refuses the certificate, mostly because its check takes too much work; it was not written."""
 
 
-def check_affordable(where: str, lines: BinaryIO, problem: Problem, domain: Box, claims: Mapping[str, Any]) -> None:
+def check_affordable(where: str, lines: BinaryIO, problem: Problem, domain: Box, claims: Claims) -> None:
     """Raise UncheckableError where the checker would refuse these lines, which are for the file `where`."""
     most = WORK if problem.model is None else leg_work(_LEGS, problem.count)
     points = 0 if claims["point"] is None else problem.count
@@ -229,7 +229,7 @@ def with_readings(problem: Problem, claims: Claims) -> Claims:
     }
 
 
-def _point(claimed: Mapping[str, Any]) -> Unknowns:
+def _point(claimed: Claims) -> Unknowns:
     return at_point([float.fromhex(v) for v in claimed["at"]])
 
 

@@ -337,8 +337,7 @@ def smaller(a: Bounds, b: Bounds) -> Bounds:
 @compiled
 def larger(a: Bounds, b: Bounds) -> Bounds:
     """The maximum."""
-    low, high = smaller(neg(a), neg(b))
-    return -high, -low
+    return neg(smaller(neg(a), neg(b)))
 
 
 @compiled

@@ -99,7 +99,7 @@ class Expander:
         self,
         network: ConstraintNetwork,
         roots: tuple[Expr, ...],
-        deadline: float = math.inf,
+        deadline: float,
     ) -> None:
         self._deadline = deadline
         self._places = network.places

@@ -98,11 +98,9 @@ class Rows:
 
     def linearize(self, point: Floats) -> RowValues:
         """Values and derivatives at a point (n,)."""
-        parts = [part.linearize(point) for part in self._parts]
-        return RowValues(
-            np.concatenate([np.zeros(0), *(part.values for part in parts)]),
-            np.concatenate([np.zeros((0, self._size)), *(part.jacobian for part in parts)]),
-        )
+        none = RowValues(np.zeros(0), np.zeros((0, self._size)))
+        parts = [none, *(part.linearize(point) for part in self._parts)]
+        return RowValues(*map(np.concatenate, zip(*parts, strict=True)))
 
     def jacobians(self, points: Floats) -> Floats:
         """Derivatives (B, K, n) at points (B, n), B at least 1."""

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Any
 
 import numpy as np
 
@@ -228,7 +227,7 @@ class Saved:
         yield from self.search.lines()
 
     @classmethod
-    def from_lines(cls, lines: Sequence[Mapping[str, Any]]) -> Saved:
+    def from_lines(cls, lines: Sequence[Line]) -> Saved:
         """What `lines` gave. Raises KeyError, TypeError, ValueError, ModelError."""
         head, *boxes = lines
         names, witness = tuple(head["names"]), head["witness"]
@@ -290,7 +289,7 @@ def minimize(
     strategy = strategy or LargestFirst(scale=np.where(domain.rad > 0.0, domain.rad, 1.0), skip=(objective,))
     named = contractors if isinstance(contractors, Sequence) else [("", contractors)]
     prepared = prepared or Prepared(network, objective)
-    incumbent = Incumbent(prepared, limits, clock.deadline, domain=domain, best=best)
+    incumbent = Incumbent(prepared, limits, clock.deadline, domain, best)
     process = Bounding(incumbent, Contracting(named, prover, clock.deadline), strategy, enclose, place)
     root = Piece(domain, Branch(domain, fresh=True))
     search = Search([root], process, lambda node: float(node.box.lo[index]), abreast=_abreast)
@@ -362,6 +361,7 @@ def _minimum(search: Search, incumbent: Incumbent, last: Bracket, tally: Tally, 
         interrupted=interrupted,
         contractors_used=tally.uses,
         found=reached if more else None,
+        names=incumbent.domain.names,
     )
 
 

@@ -7,7 +7,6 @@ programs, each about the point before, converge quadratically.
 
 from __future__ import annotations
 
-import math
 import time
 import warnings
 from collections.abc import Iterator
@@ -84,12 +83,8 @@ class _Problem:
             np.minimum(lower, 0.0),
             np.maximum(upper, 0.0),
         )
-        cost = np.zeros(len(reach))
-        cost[self.objective] = 1.0
-        solution = engine.minimize(cost)
-        if solution.status is not LinearStatus.OPTIMAL:
-            return None
-        return np.asarray(reach * solution.point)
+        solution = engine.minimize(1.0 * ~self.free)
+        return np.asarray(reach * solution.point) if solution.status is LinearStatus.OPTIMAL else None
 
 
 def fit_of_many(
@@ -97,13 +92,12 @@ def fit_of_many(
     rows: Rows,
     objective: int,
     start: Floats,
-    domain: Box | None = None,
+    box: Box,
 ) -> Floats:
-    """The same in the network's domain (or a part of it), for many measurements: of those that matter, which are few.
+    """The same in a part of the network's domain, for many measurements: of those that matter, which are few.
 
     Measurements that the fitted point violates more than it may are added, and the fit goes on.
     """
-    box = network.domain if domain is None else domain
     if sum(c.body.size for c in network.constraints) <= _MANY:
         return fit(rows, objective, box, start)
     point, chosen = np.asarray(start, np.float64), [np.zeros(0, np.intp)] * len(network.constraints)
@@ -181,10 +175,10 @@ class LocalSearch:
         rows: Rows,
         objective: int,
         equations: Equations,
-        deadline: float = math.inf,
-        domain: Box | None = None,
+        deadline: float,
+        domain: Box,
     ) -> None:
-        self._deadline, self._domain = deadline, network.domain if domain is None else domain
+        self._deadline, self._domain = deadline, domain
         self._objective, self._equations = objective, equations
         self._rows = Rows(equations.rest) if equations.count else rows
         size = sum(c.body.size for c in network.constraints)
@@ -253,8 +247,7 @@ class LocalSearch:
             {"type": "ineq", "fun": lambda y: -known(y.tobytes())[0], "jac": lambda y: -known(y.tobytes())[1]},
             {"type": "eq", "fun": lambda y: known(y.tobytes())[2], "jac": lambda y: known(y.tobytes())[3]},
         ]
-        direction = np.zeros(len(start))
-        direction[self._objective] = 1.0
+        direction = np.eye(len(start))[self._objective]
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             try:
@@ -298,13 +291,11 @@ class Incumbent:
         self,
         prepared: Prepared,
         limits: Limits,
-        deadline: float = np.inf,
-        *,
-        domain: Box | None = None,
+        deadline: float,
+        domain: Box,
         best: Known | None = None,
     ) -> None:
-        self.objective = prepared.objective
-        self.domain = prepared.network.domain if domain is None else domain
+        self.objective, self.domain = prepared.objective, domain
         self._prepared, self._limits, self._deadline = prepared, limits, deadline
         self._one_value = bool(self.domain.lo[self.objective] == self.domain.hi[self.objective])
         self.calls = 0  # of `propose`

@@ -53,9 +53,7 @@ class Equations:
         reach = self._equalities.tape.reach.leaf
         self.enter = frozenset(reach[reach < len(network.names)].tolist())
         self._network = plain
-        self._flat = [
-            part for root in self._equalities.roots for part in ([root] if not root.shape else list(root.reshape(-1)))
-        ]
+        self._flat = [part for root in self._equalities.roots for part in (root.reshape(-1) if root.shape else [root])]
         self._provers: dict[tuple[int, ...], UniquenessProver] = {}  # by the equations that they are about
 
     def within(self, domain: Box) -> Equations:

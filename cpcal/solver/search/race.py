@@ -7,10 +7,9 @@ give up after so many rounds. All of it is counted in nodes, so that a race has 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -134,7 +133,7 @@ def lines_of(race: Race, nodes: int) -> Iterator[Line]:
             yield from ({"of": k, **line} for line in contender.search.standing().lines())
 
 
-def brought_there(race: Race, names: tuple[str, ...], lines: Sequence[Mapping[str, Any]]) -> int:
+def brought_there(race: Race, names: tuple[str, ...], lines: Sequence[Line]) -> int:
     """Bring a race that has not begun to where another one of the same contenders stood; the nodes that it had taken.
 
     Raises KeyError, IndexError, TypeError, ValueError for lines that `lines_of` cannot have written.

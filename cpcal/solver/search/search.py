@@ -8,7 +8,7 @@ the node: its box, and the `state` that the decision which made it handed on.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
@@ -266,7 +266,7 @@ class Standing:
             yield from ({"in": where} | _line(box) for box in getattr(self, where))
 
     @classmethod
-    def from_lines(cls, created: int, names: tuple[str, ...], lines: Iterable[Mapping[str, Any]]) -> Standing:
+    def from_lines(cls, created: int, names: tuple[str, ...], lines: Iterable[Line]) -> Standing:
         """What `lines` gave. Raises KeyError, TypeError, ValueError, ModelError."""
         found: dict[str, list[Any]] = {where: [] for where in ("pending", "begun", "kept", "inside", "outside")}
         for line in lines:

@@ -197,7 +197,7 @@ def test_only_the_gap_that_was_asked_for_closes_a_bracket(lo, floor, undecided, 
     net = Network()
     net.variable("e", (), (0, 10))
     prepared = Prepared(net, "e")
-    incumbent = Incumbent(prepared, Limits(gap=1e-6))
+    incumbent = Incumbent(prepared, Limits(gap=1e-6), np.inf, net.domain)
     incumbent.witness = Witness(np.array([1.0]), 1.0)
     said = status_of(Bracket(lo, 1.0, 1, 1, 0.0), incumbent, undecided, floor)
     assert said[0] is verdict
@@ -217,16 +217,16 @@ def test_a_fit_of_many_measurements_is_that_of_all_of_them() -> None:
     net.add((a[0] + a[1] * t + a[2] * t**2 - values).within((-e, e)))
     rows, start = Rows(net), np.array([0.0, 0.0, 0.0, 0.0])
     of_all = fit(rows, 3, net.domain, start)
-    of_some = fit_of_many(net, rows, 3, start)
+    of_some = fit_of_many(net, rows, 3, start, net.domain)
     np.testing.assert_allclose(of_some, of_all, atol=1e-9)
     easy = np.array([0.0, 0.0, 0.0, 9.0])  # no measurement is violated there
-    np.testing.assert_array_equal(fit_of_many(net, rows, 3, easy), easy)
+    np.testing.assert_array_equal(fit_of_many(net, rows, 3, easy, net.domain), easy)
 
 
 def test_what_another_search_has_learned_replaces_the_incumbent_only_where_it_is_better() -> None:
     net = Network()
     net.variable("e", (), (0, 10))
-    incumbent = Incumbent(Prepared(net, "e"), Limits())
+    incumbent = Incumbent(Prepared(net, "e"), Limits(), np.inf, net.domain)
     for value, kept in ((2.0, 2.0), (3.0, 2.0), (1.0, 1.0)):
         incumbent.learn(Known(Witness(np.array([value]), value), 1), Known(None, 0))
         assert incumbent.hi == kept
