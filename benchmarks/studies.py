@@ -7,34 +7,20 @@
     python -m benchmarks.studies verdicts [--campaigns 200]
     python -m benchmarks.studies mistakes [--clean 100] [--wrong 3]
 
-accuracy: DeltaLab platforms (true parameters off by 1 mm, 64 extremal poses, 11 runs each, the paper's noise) seen in
-the true base frame; reading sets are three standard deviations of the means. Bounds and U at random poses of the stroke
-that nobody measured. Stated as the model error of each leg is the least number that is TRUE: the largest error of some
-parameters over the calibration poses (for readings in their sets), over 200 other poses and over those asked about. So
-no bound may be violated. Ratios are of the largest to the largest true error; to what parameters that the measurements
-allow attain to first order, at the same pose.
+The pages that state the figures say of what they are: docs/accuracy.md (accuracy, default, outliers), docs/trust.md
+(tolerance, verdicts), docs/your-data.md (mistakes). What they leave to this file:
 
-default: nothing is stated, and the legs have the error of the mechanisms above, or one of 0.3 mm that vanishes at both
-ends of the stroke; extremal poses alone, or with 12 random ones. At random poses the truth is outside of the bound, or
-not, and the pose is named (a length far from every measured one), or not.
+accuracy: bounds and U at random poses of the stroke. Stated as the model error of each leg is the least number that is
+TRUE: the largest error of some parameters over the calibration poses (for readings in their sets), over 200 other poses
+and over those asked about. So no bound may be violated. Ratios are of the largest to the largest true error.
 
-outliers: campaigns of 64 extremal poses (joint error 0.1 mm, a tenth of the paper's noise, sets of three standard
-deviations); q readings of leg 1, drawn at random, are off by 1 to 10 mm. A case counts as found when exactly these are
-left out, as proved when the bracket is closed and the checker accepts the claim.
+outliers: a case counts as found when exactly the wrong readings are left out, as proved when the bracket is closed and
+the checker accepts the claim.
 
-tolerance: one leg each of robots drawn at random (kinematics of this file, not cpcal's), 64 poses, sets of three
-standard deviations (0.03 mm, 0.1 mrad, 0.02 mm; noise cut off there), a model error of 0 to 1 mm of each kind. T is a
-quarter, a half and three quarters of the way from the least E that was found to least squares' own. The ratio is the
-largest error at 400 unseen poses over that of least squares.
+verdicts: false is a pass though the recommended parameters err by more than T at a true pose that was measured, or a
+fail though the true parameters do not.
 
-verdicts: the same robots, all deviations times 0.03 to 3 (with them noise and sets), five T each from 0 to twice the E
-of least squares. False: a pass though the recommended parameters err by more than T at a true pose that was measured,
-or a fail though the true parameters do not.
-
-mistakes: what `check` says of campaigns as they should be (the robots of the catalogue; 12 to 200 measurements,
-extremal and random poses; drawings off by up to 10 mm, model errors up to 1 mm, a twentieth of both for the small
-hexapod; the paper's noise), and of DeltaLab campaigns with each of the mistakes of `wrong_ways` (drawings off by 1, 2,
-... mm). A mistake counts as named when the first sentence has its name.
+mistakes: one counts as named when the first sentence has its name. Drawings of the small hexapod are off by a twentieth.
 """
 
 import argparse
