@@ -20,7 +20,7 @@ the checker accepts the claim.
 verdicts: false is a pass though the recommended parameters err by more than T at a true pose that was measured, or a
 fail though the true parameters do not.
 
-mistakes: one counts as named when the first sentence has its name. Drawings of the small hexapod are off by a twentieth.
+mistakes: one counts as named when the first sentence has its name. Of the small hexapod a twentieth is off.
 """
 
 import argparse
