@@ -5,8 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
+<<<<<<< HEAD
 from cpcal.common.values import Floats
 from cpcal.questions import LegBracket, LegResult, Recommended, Work
+=======
+from cpcal.questions import LegBracket, LegResult, Work
+>>>>>>> 4e10f384 (No study has noise of that kind any more)
 from cpcal.robot import (
     Pose,
     PoseTable,
@@ -14,10 +18,7 @@ from cpcal.robot import (
     Truth,
     compose,
     inverse,
-    normalised,
     pose_jacobian,
-    quaternion_product,
-    small_rotation,
 )
 from cpcal.simulate.campaigns import streams
 
@@ -71,17 +72,6 @@ def leg_with(leg, /, **changes):
 
 
 # What spoils a simulated study between truth and table; none of it is known to the calibration.
-
-
-def with_pose_noise(study: Study, root: Floats, *, seed: int = 0) -> Study:
-    """The camera's noise in every row grows by `root` z, (6, m) of position (mm) and rotation vector (rad)."""
-
-    def noisier(table: PoseTable, stream: np.random.Generator) -> PoseTable:
-        step = stream.standard_normal((len(table), root.shape[1])) @ root.T  # mm and rad, in the camera frame
-        turned = normalised(quaternion_product(small_rotation(step[:, 3:]), table.quaternion))
-        return replace(table, position=table.position + step[:, :3], quaternion=turned)
-
-    return _each(study, noisier, seed)
 
 
 def mobile_in_base(truth: Truth, table: PoseTable) -> Pose:

@@ -13,7 +13,7 @@ import pytest
 
 import cpcal
 from cpcal.checker import Refused
-from cpcal.checker.platform import Commanded, Leg, LegEquation, check_accuracy, pose_bounds
+from cpcal.checker.platform import AboutCenter, Commanded, Leg, LegEquation, check_accuracy, pose_bounds
 from cpcal.files.folders import save_campaign_json
 from cpcal.models.platform import Cells, cell_bounds, centered
 from cpcal.questions.accuracy import ACCURACY_NAME, NamedPoses, certify_accuracy, load_accuracy, save_accuracy
@@ -303,3 +303,25 @@ def test_a_singular_platform_is_bounded_by_nothing(known):
     middle = central_pose(known.controller, np.full(6, 70.0)).position
     turn = np.array([np.cos(np.pi / 4), 0.0, 0.0, np.sin(np.pi / 4)])
     assert bounded(known.controller, Pose(middle[None], turn[None]), 0, 20, 0.05, 0.1) is None
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_linear_part_of_a_legs_equation_is_where_it_says(run, known, seed):
+    """At a pose off by w each leg has a model error of its own; there its bound is attained, but for its square."""
+    rng, controller = np.random.default_rng(seed), known.controller
+    pose = Commanded(exact(run[1].position[0]), exact(run[1].quaternion[0]))
+    commanded = Pose(run[1].position[:1], run[1].quaternion[:1])
+    w = np.array([12.0] * 3 + [0.02] * 3) * rng.uniform(-1, 1, 6)
+    moved = Pose(commanded.position + w[:3], quaternion_product(np.array([[1.0, *w[3:]]]), commanded.quaternion))
+    errors = np.abs(inverse_kinematics(controller, moved) - inverse_kinematics(controller, commanded))[0]
+    rows = []
+    for row, error in zip(map(exact, controller.parameters), errors, strict=True):
+        rows.append(LegEquation(pose, known_leg(row, row, row, F(float(error) + 1e-9), (F(0), F(0))), free))
+    forms = [AboutCenter(row, [F(0)] * 6) for row in rows]
+    inverse = list(map(exact, np.linalg.inv(np.array([form.slopes for form in forms], np.float64))))
+    linear = [sum(map(mul, form.slopes, exact(w))) for form in forms]
+    y = [abs(float(v)) for v in linear]
+    for form, value in zip(forms, linear, strict=True):
+        form.by_legs(inverse, [F(0)] * 6)
+        below, above = form.spread(np.abs(w).tolist(), np.abs(w).tolist(), y)
+        assert form.value[0] - above <= value <= form.value[1] + below

@@ -7,13 +7,14 @@ import pytest
 
 from cpcal.common.errors import InputError
 from cpcal.models.leg_set import SIZE, AskedSet, certified_set
-from cpcal.models.platform import Cells, Equations, Workspace, cell_bounds, cover, proved_sizes
+from cpcal.models.platform import Cells, Equations, Workspace, cell_bounds, cover, proved_sizes, sizes
 from cpcal.robot import (
     Pose,
     Robot,
     central_pose,
     distances,
     forward_kinematics,
+    inverse_kinematics,
     leg_vectors,
     normalised,
     quaternion_conjugate,
@@ -237,3 +238,40 @@ def test_a_workspace_is_read_with_degrees_for_turns_and_every_mistake_is_named()
     ):
         with pytest.raises(InputError, match=said):
             Workspace.parsed(text)
+
+
+def test_a_bound_is_that_of_the_farthest_corner():
+    rng = np.random.default_rng(10)
+    inverse = rng.normal(size=(4, 6, 6)) * np.array([1.0] * 3 + [1e-3] * 3)[:, None]  # mm, rad
+    y = IntervalArray(*np.sort(rng.normal(size=(2, 4, 6)), axis=0))
+    position, angle = sizes(inverse, y)
+    for corner in rng.integers(0, 2, (500, 4, 6)):
+        moved = (inverse @ np.where(corner, y.hi, y.lo)[..., None])[..., 0]
+        assert (np.linalg.norm(moved[:, :3], axis=1) <= position).all()
+        assert (2.0 * np.arctan(np.linalg.norm(moved[:, 3:], axis=1)) <= angle).all()
+
+
+def test_parameters_that_do_nothing_at_the_centre_of_a_cell_count_at_its_other_poses(known):
+    """As is known of them there, while nothing narrow is known of them by themselves."""
+    rng, controller, reach = np.random.default_rng(11), known.controller, 12.0
+    middle = central_pose(controller, np.full(6, 70.0))
+    vector = leg_vectors(controller, middle)
+    form = np.concatenate([-vector, vector @ middle.rotation, -np.linalg.norm(vector, axis=1)[:, None]], axis=1)
+    off = rng.uniform(-1.0, 1.0, (6, 7))
+    off -= form * (np.sum(form * off, axis=1) / np.sum(form * form, axis=1))[:, None]
+    other, sets = Robot.from_parameters("other", controller.parameters + off), []
+    for one, row, x in zip(known.sets, controller.parameters, other.parameters, strict=True):
+        one = replace(one, controller=row, eps=1e-9, along=IntervalArray.around(np.zeros(7), 3.0))
+        z = z_of(one, x)
+        exactly = lambda directions, z=z: IntervalArray.around(directions @ z, 1e-9)  # noqa: E731
+        sets.append(replace(one, box=IntervalArray.around(z, 1e-9), ranges=exactly))
+    place = np.concatenate([middle.position, np.zeros(3)])
+    size = np.array([reach] * 3 + [0.0] * 3)
+    over, center = cell_bounds(Cells.of_boxes(IntervalArray((place - size)[None], (place + size)[None])), sets)
+    corners = np.array([[1, 1, 1], [1, -1, 1], [-1, 1, -1], [-1, -1, -1]])
+    poses = Pose(middle.position + reach * corners, np.tile(middle.quaternion, (4, 1)))
+    position, angle = distances(forward_kinematics(other, inverse_kinematics(controller, poses), poses), poses)
+    assert over.proved.all()
+    assert (position <= over.position).all()
+    assert (angle <= over.rotation).all()
+    assert position.max() > 2.0 * center.position.max()
