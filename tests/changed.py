@@ -5,12 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-<<<<<<< HEAD
-from cpcal.common.values import Floats
 from cpcal.questions import LegBracket, LegResult, Recommended, Work
-=======
-from cpcal.questions import LegBracket, LegResult, Work
->>>>>>> 4e10f384 (No study has noise of that kind any more)
 from cpcal.robot import (
     Pose,
     PoseTable,
