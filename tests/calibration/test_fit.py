@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.special import stdtrit
 
 from cpcal.calibration import Noise, fit
 from cpcal.common.errors import InputError
@@ -165,3 +166,21 @@ def test_noise_that_leaves_no_weights_is_refused(campaign):
     shared = Noise.from_sigmas([0.1, 0, 0], [0] * 3, [0] * 6, count=64)
     with pytest.raises(InputError, match="exactly dependent"):
         fit(campaign, noise=shared, weighted=True)
+
+
+def test_nine_tenths_of_the_errors_are_within_the_quantile_of_the_standard_errors():
+    inside = []
+    for seed in range(20):
+        campaign = simulate(seed=seed)
+        found = fit(campaign, noise=Noise.of(campaign), covariance="residuals")
+        quantile = stdtrit(found.freedom, 0.95)
+        inside.append(np.abs(found.parameters - truth(campaign)) <= quantile * found.standard_errors)
+    assert np.mean(inside) == pytest.approx(0.9, abs=0.03)
+
+
+def test_of_few_measurements_residuals_are_as_large_as_their_noise_by_its_degrees_of_freedom():
+    ratios = []
+    for seed in range(25):
+        few = simulate(seed=seed, extremal=False, random_poses=10)
+        ratios.append(fit(few, noise=Noise.of(few)).noise_ratio)
+    assert np.mean(np.square(ratios)) == pytest.approx(1.0, abs=0.25)  # 450 degrees of freedom

@@ -261,10 +261,10 @@ def test_parameters_that_do_nothing_at_the_centre_of_a_cell_count_at_its_other_p
     off -= form * (np.sum(form * off, axis=1) / np.sum(form * form, axis=1))[:, None]
     other, sets = Robot.from_parameters("other", controller.parameters + off), []
     for one, row, x in zip(known.sets, controller.parameters, other.parameters, strict=True):
-        one = replace(one, controller=row, eps=1e-9, along=IntervalArray.around(np.zeros(7), 3.0))
+        one = one._replace(controller=row, eps=1e-9, along=IntervalArray.around(np.zeros(7), 3.0))
         z = z_of(one, x)
         exactly = lambda directions, z=z: IntervalArray.around(directions @ z, 1e-9)  # noqa: E731
-        sets.append(replace(one, box=IntervalArray.around(z, 1e-9), ranges=exactly))
+        sets.append(one._replace(box=IntervalArray.around(z, 1e-9), ranges=exactly))
     place = np.concatenate([middle.position, np.zeros(3)])
     size = np.array([reach] * 3 + [0.0] * 3)
     over, center = cell_bounds(Cells.of_boxes(IntervalArray((place - size)[None], (place + size)[None])), sets)
