@@ -214,10 +214,11 @@ def _notes(base: FittedFrame, mobile: FittedFrame, fit: Fit, left_out: Sequence[
         ("tracker_in_base", base, "Tracker in base"),
         ("target_in_mobile", mobile, "Target in mobile"),
     ):
-        unit = max(frame.sigma[:3]), math.degrees(max(frame.sigma[3:]))
+        sigmas = max(frame.sigma[:3]), math.degrees(max(frame.sigma[3:]))
+        digits = (9 if s <= 0.0 else min(9, max(0, -math.floor(math.log10(s)))) for s in sigmas)  # that they leave
         turn = np.degrees(rotation_vector(np.array(frame.quaternion)))
-        parts = zip((frame.position, turn.tolist()), unit, ("mm", "degrees"), strict=True)
-        at = "; rotation vector ".join(f"({', '.join(_known(v, u) for v in part)}) {w}" for part, u, w in parts)
+        parts = zip((frame.position, turn.tolist()), digits, ("mm", "degrees"), strict=True)
+        at = "; rotation vector ".join(f"({', '.join(nearest(v, d) for v in part)}) {w}" for part, d, w in parts)
         yield key, f"{name}: {at}. {frame.sentence('There')}"
         yield f"{key}_pose", json.dumps({"position": frame.position, "quaternion": frame.quaternion})
     spread = ", ".join(about(robust_scale(leg), 2) for leg in fit.residuals.T)
@@ -225,11 +226,6 @@ def _notes(base: FittedFrame, mobile: FittedFrame, fit: Fit, left_out: Sequence[
     if left_out:
         names = listed(left_out, _TOLD)
         yield "left_out", f"Left out of the frames, as far off the others, and kept in the campaign: {names}."
-
-
-def _known(value: float, sigma: float) -> str:
-    """With the digits that its standard deviation leaves it."""
-    return nearest(value, min(9, max(0, -math.floor(math.log10(sigma)))) if sigma > 0.0 else 9)
 
 
 def in_base_frame(campaign: Campaign) -> Campaign:

@@ -275,27 +275,6 @@ class TomlReader:
         found = {key: read(self, (*path, key), table[key]) for key, read in every.items() if key in table}
         return found if len(self.problems) == before else None
 
-    def numbers(
-        self, path: KeyPath, value: object, shape: Shape, meaning: str, *, name: str, signed: bool, by_leg: bool
-    ) -> Any:
-        """Nested lists of numbers. A row is called by its number, from 0 as in the arrays; or, `by_leg`, by its leg."""
-        if not shape:
-            return self.number(path, name, value, signed=signed)
-        rows = len(shape) > 1
-        what, of = ("rows", f" for {shape[0]} legs") if rows else ("numbers", f", not {shape[0]}")
-        give = f"give {'one row for each leg: ' if by_leg else 'rows: ' if rows else ''}{meaning}"
-        if not isinstance(value, list) or not value:
-            self.wrong(path, f"{name} is not a list of {what}", f"{give}, in brackets")
-            return []
-        if shape[0] is not None and len(value) != shape[0]:
-            self.wrong(path, f"{name} has {len(value)} {what}{of}", give)
-            return []
-        called = f"{name} of leg {{}}" if by_leg else f"row {{}} of {name}" if rows else name
-        return [
-            self.numbers(path, one, shape[1:], meaning, name=called.format(i), signed=signed, by_leg=False)
-            for i, one in enumerate(value, start=int(by_leg))
-        ]
-
     def number(self, path: KeyPath, name: str, value: object, *, signed: bool = True) -> float:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             self.wrong(path, f"{name} holds {shown(value)}, which is not a number", "give a number, unquoted")
@@ -404,11 +383,27 @@ def positive(unit: str) -> Read:
 
 
 def array(shape: Shape, meaning: str = "", *, signed: bool = True, by_leg: bool = False) -> Read:
-    """An array of numbers, or one number: of any length where the shape has None."""
+    """An array of numbers, or one number: of any length where the shape has None. In a problem a row is called by its
+    number, from 0 as in the arrays; or, `by_leg`, by its leg."""
 
     def read(reader: TomlReader, path: KeyPath, value: object) -> Floats | float:
-        before = len(reader.problems)
-        found = reader.numbers(path, value, shape, meaning, name=path[-1], signed=signed, by_leg=by_leg)
+        def numbers(value: object, shape: Shape, name: str, by_leg: bool) -> Any:
+            if not shape:
+                return reader.number(path, name, value, signed=signed)
+            rows = len(shape) > 1
+            what, of = ("rows", f" for {shape[0]} legs") if rows else ("numbers", f", not {shape[0]}")
+            give = f"give {'one row for each leg: ' if by_leg else 'rows: ' if rows else ''}{meaning}"
+            if not isinstance(value, list) or not value:
+                reader.wrong(path, f"{name} is not a list of {what}", f"{give}, in brackets")
+                return []
+            if shape[0] is not None and len(value) != shape[0]:
+                reader.wrong(path, f"{name} has {len(value)} {what}{of}", give)
+                return []
+            called = f"{name} of leg {{}}" if by_leg else f"row {{}} of {name}" if rows else name
+            each = enumerate(value, start=int(by_leg))
+            return [numbers(one, shape[1:], called.format(i), by_leg=False) for i, one in each]
+
+        before, found = len(reader.problems), numbers(value, shape, path[-1], by_leg)
         if len(reader.problems) > before:
             return 0.0
         values = np.array(found, dtype=np.float64)

@@ -211,6 +211,7 @@ def _mapped(
     """
     form = None if rotation is None else RotationForm.named(rotation)
     needed, widths, problems = [*"xyz", *leg_columns(legs)], override_columns(legs), Problems()
+    there = listed([*map(shown, header)], 40)
     if columns:
         found = column_map(columns, ["pose", "run", *needed, *_TURNS, *widths])
         if form is None and found.keys().isdisjoint(("r1", "rx")):
@@ -232,7 +233,7 @@ def _mapped(
         marks = {name: f"[{of.unit or 'mm'}]" if name in bare or of.unit else "" for name, of in found.items()}
         proposed = ", ".join(f'{name}="{of.name}"{marks[name]}' for name, of in found.items())
         rest = f"; add {', '.join(missing)}" if missing else ""
-        what = f"columns have no names or units that tell what they are; they are {listed([*map(shown, header)], 40)}"
+        what = f"columns have no names or units that tell what they are; they are {there}"
         problems.add(Problem("map", what, f"check this one, and its units: --map '{proposed}'{rest}"))
         missing = []
     places: dict[int, str] = {}
@@ -242,7 +243,7 @@ def _mapped(
             problems.add(Problem("map", f"{source.name!r} is there twice", 'give its number, as in "#2"'))
         elif place is None:
             what = f"{target}: there is no column {shown(source.name)}"
-            problems.add(Problem("map", what, f"the columns are {listed([*map(shown, header)], 40)}"))
+            problems.add(Problem("map", what, f"the columns are {there}"))
         elif (first := places.setdefault(place, target)) != target:
             what = f"{first} and {target} are the same column, {shown(source.name)}"
             problems.add(Problem("map", what, "map each to its own"))

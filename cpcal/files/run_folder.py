@@ -9,9 +9,10 @@ from __future__ import annotations
 import os
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -59,7 +60,7 @@ def answers_into(folder: str | os.PathLike[str], kind: FolderKind, campaign: Cam
     that cpcal did not write, or when the folder cannot be written.
     """
     target = Path(folder)
-    with locked(target) as lock:
+    with locked(target) as held:
         check_replaceable(target, kind)
         for leftover in unfinished(target):  # whoever wrote them is dead: we have the lock
             shutil.rmtree(leftover, ignore_errors=True)
@@ -71,7 +72,7 @@ def answers_into(folder: str | os.PathLike[str], kind: FolderKind, campaign: Cam
 
                 save_campaign_json(campaign, draft)
             yield draft
-            if not lock.holds(target):
+            if not held():
                 raise OSError(0, "the folder was taken away while the answers were found")
             put_in_place(
                 draft,
@@ -106,47 +107,42 @@ def unfinished(folder: Path) -> list[Path]:
     return [path for path in folder.iterdir() if DRAFT.fullmatch(path.name) and path.is_dir()]
 
 
-@dataclass(frozen=True)
-class Lock:
-    """Ours as long as the process lives: the system takes it back from the dead."""
-
-    descriptor: int
-
-    def holds(self, folder: Path) -> bool:
-        """Whether the folder is still the one that was locked."""
-        try:
-            there = os.lstat(folder / LOCK_NAME)
-        except OSError:
-            return False
-        return os.path.samestat(there, os.fstat(self.descriptor))
-
-
 @contextmanager
-def locked(folder: Path) -> Iterator[Lock]:
-    """The folder, made if missing, for us alone. Raises InputError while another process has it."""
+def locked(folder: Path) -> Iterator[Callable[[], bool]]:
+    """The folder, made if missing, for us alone; what tells whether it is still the one that was locked. The system
+    takes the lock back from the dead. Raises InputError while another process has it."""
     made = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        lock = _locked(folder)
+        descriptor = _locked(folder)
     except BlockingIOError:
         what = "is being written by another run of cpcal"
         raise unusable(str(folder), what, "wait for it, or choose another folder") from None
     except OSError as error:
         raise unwritable(folder, error) from error
+    held = partial(_held, folder, descriptor)
     try:
-        yield lock
+        yield held
     finally:
-        if lock.holds(folder):
+        if held():
             with suppress(OSError):
                 (folder / LOCK_NAME).unlink()
-        os.close(lock.descriptor)
+        os.close(descriptor)
         if made:
             with suppress(OSError):  # not empty
                 folder.rmdir()
 
 
-def _locked(folder: Path) -> Lock:
-    """Raises OSError; BlockingIOError while another process has it."""
+def _held(folder: Path, descriptor: int) -> bool:
+    try:
+        there = os.lstat(folder / LOCK_NAME)
+    except OSError:
+        return False
+    return os.path.samestat(there, os.fstat(descriptor))
+
+
+def _locked(folder: Path) -> int:
+    """The open file of the lock. Raises OSError; BlockingIOError while another process has it."""
     flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0)
     while True:
         descriptor = os.open(folder / LOCK_NAME, flags, 0o666)
@@ -155,9 +151,8 @@ def _locked(folder: Path) -> Lock:
         except BaseException:
             os.close(descriptor)
             raise
-        lock = Lock(descriptor)
-        if lock.holds(folder):
-            return lock
+        if _held(folder, descriptor):
+            return descriptor
         os.close(descriptor)  # its owner took it away as we came: again
 
 

@@ -154,8 +154,8 @@ def simulate(
     draw = standard_noise(noise_stream, (len(lengths) * runs, 6 + robot.legs), truncate)
     turn = small_rotation(draw[:, 3:6] * pose_sigma[3:])
     stated = Uncertainty(pose_sigma[:3], pose_sigma[3:], length_sigma, factor) if factor > 0 else None
-    known = ("seed", "runs", "random_poses", "extremal", "joint_error", "factor", "noise", "truncate", "deviation")
-    options: dict[str, object] = {name: given[name] for name in known}
+    apart = ("robot", "stroke", "workspace")
+    options: dict[str, object] = {name: value for name, value in given.items() if name not in apart}
     if workspace is None:
         options["stroke"] = list(stroke)
     else:

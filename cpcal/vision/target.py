@@ -175,14 +175,11 @@ class Board:
     def turns(self) -> list[Ints]:
         """The numbers (n,) of the points of a printed board that stand in the places of its points when it is turned
         and looks the same: of a chessboard, since markers never do."""
-        numbers, out = np.arange(self.columns * self.rows).reshape(self.rows, self.columns), list[Ints]()
-        if self.kind != "chessboard":
-            return out
-        for quarters in (1, 2, 3):
-            looks_so = self.columns == self.rows and self.columns % 2 == 0
-            if looks_so or (quarters == 2 and (self.columns + self.rows) % 2 == 0):
-                out.append(np.rot90(numbers, quarters).ravel())
-        return out
+        if self.kind != "chessboard" or (self.columns + self.rows) % 2:
+            return []
+        quarters = (1, 2, 3) if self.columns == self.rows and self.columns % 2 == 0 else (2,)
+        numbers = np.arange(self.columns * self.rows).reshape(self.rows, self.columns)
+        return [np.rot90(numbers, count).ravel() for count in quarters]
 
 
 def target_from(text: str) -> Target:

@@ -344,7 +344,7 @@ class Edges:
     center      (n, 2) pixels
     conic       (n, 2, 2): the edge is (p - center)^T conic (p - center) = 1
     covariance  (n, 2, 2) px^2 of the centre, by the residuals
-    back, contrast  (n,) grey levels around the dot, and how much brighter it is
+    contrast    (n,) grey levels by which the dot is brighter than around it
     blur        (n,) standard deviation of the edge's spread, pixels
     noise       (n,) standard deviation of the residuals, grey levels
     variance    (n,) of the grey levels that took part
@@ -356,7 +356,6 @@ class Edges:
     center: Floats
     conic: Floats
     covariance: Floats
-    back: Floats
     contrast: Floats
     blur: Floats
     noise: Floats
@@ -393,5 +392,5 @@ def fitted_edges(grey: Grey, center: Floats, spread: Floats, room: Floats, light
         fit_dots(grey, center[failed], _SOFT * spread[failed], room[failed], light[failed], used, again, odd_again)
         out[failed], odd[failed] = again, odd_again
     conic, covariance = out[:, [[2, 3], [3, 4]]], out[:, [[8, 9], [9, 10]]]
-    back, contrast, blur, noise, variance = out[:, [5, 6, 7, 11, 12]].T
-    return Edges(out[:, :2], conic, covariance, back, contrast, blur, noise, variance, odd)
+    contrast, blur, noise, variance = out[:, [6, 7, 11, 12]].T
+    return Edges(out[:, :2], conic, covariance, contrast, blur, noise, variance, odd)
