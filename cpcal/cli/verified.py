@@ -20,7 +20,7 @@ from cpcal.common.files import small_file
 from cpcal.common.numbers import about, at_least, at_most
 from cpcal.files import load_campaign_json
 from cpcal.files.run_folder import unfinished
-from cpcal.models import leg_model
+from cpcal.models import LegModel, leg_model
 from cpcal.questions import (
     INFORMATION,
     RESULT_NAME,
@@ -39,7 +39,6 @@ from cpcal.solver.contract import Verdict
 
 if TYPE_CHECKING:
     from cpcal.checker.sight import PoseSetChecked
-    from cpcal.models import LegModel
 
 _AGAIN = {  # what to do about a run in which no leg is certified
     Uncertified.INTERRUPTED: "again, without a limit that ends it too early",

@@ -51,8 +51,7 @@ class Parameter:
     half_width: Annotated[float, checked("the box of each certificate")]
 
 
-@dataclass(frozen=True, eq=False)
-class Drawn:
+class Drawn(NamedTuple):
     """One leg at N measurements as the drawing has it: plain numbers, in the campaign's frames.
 
     vector (N, 3) mm: P + R b - a at the stated poses with the nominal a and b. length (N,) mm: the stated readings.
@@ -193,11 +192,8 @@ def model_name_problem(name: str) -> str:
 def model_problems(model: LegModel) -> list[Problem]:
     """What is wrong with a user-defined model: its name, its parameters' names or half-widths, or that it corrects
     nothing."""
-    problems: list[Problem] = []
-    names = [p.name for p in model.extra]
-    wrong = model_name_problem(model.name)
-    if wrong:
-        problems.append(Problem("model", wrong, "choose another name"))
+    names, wrong = [p.name for p in model.extra], model_name_problem(model.name)
+    problems = [Problem("model", wrong, "choose another name")] if wrong else []
     if not names or (model.term is None and model.square is None):
         problems.append(
             Problem(f"model {model.name!r}", "corrects nothing", "give extra parameters, and term or square")

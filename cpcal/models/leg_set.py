@@ -149,13 +149,13 @@ class EnclosedLeg(NamedTuple):
     along: tuple[tuple[F, F], ...]
 
 
-def enclosed_leg(asked: AskedSet, *, poses: Sequence[Commanded], certificate: Path | None) -> EnclosedLeg | None:
+def enclosed_leg(asked: AskedSet, *, poses: Sequence[Commanded], certificate: Path) -> EnclosedLeg | None:
     """S, as its certificate encloses it, which is written; None when it is proved to be empty.
 
     Each pose has one form: by how much S lets the leg deviate from what the controller believes there. Raises
     InputError when none of the contractors gives weights.
     """
-    known = tuple(F(float(v)) for v in asked.controller)
+    known = tuple(map(F, asked.controller.tolist()))
     one = 2.0**DIRECTION_BITS
     directions = tuple(tuple(map(F, (np.rint(row * one) / one).tolist())) for row in asked.basis.T)
     forms = (*(pose.form(known) for pose in poses), *map(direction_form, directions))
@@ -199,9 +199,8 @@ def enclosed_leg(asked: AskedSet, *, poses: Sequence[Commanded], certificate: Pa
             part = asked.network()
             contracted(_with_forms(part, forms[first : first + _FORMS], box), first, 1)
     left = None if box.is_empty else exact_box(box)
-    if certificate is not None:
-        (header,) = statement.header(plain.domain)
-        write_steps(certificate, header, left, steps, asked.eps)
+    (header,) = statement.header(plain.domain)
+    write_steps(certificate, header, left, steps, asked.eps)
     if left is None:
         return None
     ranges = tuple(zip(left.lo[8:], left.hi[8:], strict=True))

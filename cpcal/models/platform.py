@@ -361,6 +361,7 @@ def sizes(inverse: Floats, y: IntervalArray) -> tuple[Floats, Floats]:
 # ------------------------------------------------------------------------------------------------------------------
 # The workspace, and the worst that the certified sets allow anywhere in it: branch and bound on the worst cell.
 
+AXES = COORDINATES  # of a workspace
 _SIDES = 3  # of the first grid, along each axis of position that has a width
 _AT_ONCE = 12  # cells divided at a time
 _SMALLEST = 1.0 / 64.0  # of the workspace's width: a cell that is not proved at that size is left out
@@ -378,15 +379,15 @@ class Workspace:
     hi: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        bad = [n for n, a, b in zip(COORDINATES, self.lo, self.hi, strict=True) if not -np.inf < a <= b < np.inf]
-        if bad or len(self.lo) != len(COORDINATES):
+        bad = [n for n, a, b in zip(AXES, self.lo, self.hi, strict=True) if not -np.inf < a <= b < np.inf]
+        if bad or len(self.lo) != len(AXES):
             what = f"has bounds that cross or are not finite: {', '.join(bad)}"
             raise unusable("workspace", what, "give LO:HI with LO <= HI for each axis")
 
     @classmethod
     def parsed(cls, text: str) -> Workspace:
         """Of `x=-50:50,y=-50:50,z=430:480,rx=-2:2`, degrees for rx, ry, rz; one number is both ends. InputError."""
-        known: dict[str, tuple[float, float]] = dict.fromkeys(COORDINATES[3:], (0.0, 0.0))
+        known: dict[str, tuple[float, float]] = dict.fromkeys(AXES[3:], (0.0, 0.0))
         for part in text.split(","):
             name, _, ends = part.strip().partition("=")
             low, _, high = ends.partition(":")
@@ -394,14 +395,14 @@ class Workspace:
                 pair = float(low), float(high or low)
             except ValueError:
                 name = ""
-            if name not in COORDINATES:
+            if name not in AXES:
                 what = f"{part.strip()!r} is no range of an axis"
                 raise unusable("workspace", what, "write x=-50:50,y=-50:50,z=430:480, and rx, ry, rz in deg")
-            known[name] = pair if name in COORDINATES[:3] else (float(np.radians(pair[0])), float(np.radians(pair[1])))
-        missing = [name for name in COORDINATES if name not in known]
+            known[name] = pair if name in AXES[:3] else (float(np.radians(pair[0])), float(np.radians(pair[1])))
+        missing = [name for name in AXES if name not in known]
         if missing:
             raise unusable("workspace", f"lacks {', '.join(missing)}", "give x, y and z in mm")
-        return cls(tuple(known[n][0] for n in COORDINATES), tuple(known[n][1] for n in COORDINATES))
+        return cls(tuple(known[n][0] for n in AXES), tuple(known[n][1] for n in AXES))
 
     @property
     def box(self) -> IntervalArray:
@@ -484,7 +485,7 @@ class _Dividing:
         small = ((boxes.hi - boxes.lo) / self._width).max(axis=1) <= _SMALLEST
         worth = np.where(~over.proved & small, 0.0, over.position)
         cells = map(CellBound, *(of.tolist() for of in (over.proved, over.position, over.rotation, worth)))
-        return list(map(Piece, Box.rows(COORDINATES, boxes.lo, boxes.hi), cells))
+        return list(map(Piece, Box.rows(AXES, boxes.lo, boxes.hi), cells))
 
     def __call__(self, node: Node) -> Decision:
         return self.all([node])[0]

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -20,12 +20,10 @@ from cpcal.common.numbers import stated
 from cpcal.files.folders import NAME as CAMPAIGN_NAME
 from cpcal.files.folders import campaign_sha256, save_campaign_json
 from cpcal.models import BUILT_IN, PARAMETERS, PLAIN, LegModel, Parameter, leg_model, model_name_problem
+from cpcal.robot import Campaign
 from cpcal.solver.accounts import ContractorUse, Trial
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
-
-if TYPE_CHECKING:
-    from cpcal.robot import Campaign
 
 # ------------------------------------------------------------------------------------------------------------------
 # What a user asks of `certify` and `compare`: one frozen value that checks itself, stored in every result.
@@ -59,6 +57,7 @@ def _names(value: Sequence[Any]) -> tuple[str, ...]:
 
 
 _LENGTH = _number, lambda value: math.isfinite(value) and value >= 0.0
+_TOLERANCE = *_LENGTH, "{} is no tolerance", "give a number of mm, 0 or more"
 # sequences become tuples, numbers float64: a result that was read again equals the one that was written
 _KINDS: dict[str, tuple[Callable[[Any], Any], Callable[[Any], bool], str, str]] = {
     "legs": (lambda legs: tuple(map(_whole, legs)), bool, "names no leg", "name one at least, or leave it out for all"),
@@ -67,8 +66,8 @@ _KINDS: dict[str, tuple[Callable[[Any], Any], Callable[[Any], bool], str, str]] 
     "time_limit": (_number, lambda limit: limit > 0.0, "{} is no time", "give a positive number of seconds"),
     "node_limit": (_whole, lambda limit: limit >= 1, "{} is no number of boxes", "give a whole number, 1 or more"),
     "contractors": (_names, lambda _: True, "", ""),
-    "eps": (*_LENGTH, "{} is no tolerance", "give a number of mm, 0 or more"),
-    "tolerance": (*_LENGTH, "{} is no tolerance", "give a number of mm, 0 or more"),
+    "eps": _TOLERANCE,
+    "tolerance": _TOLERANCE,
     "half_widths": (lambda widths: {str(k): _number(v) for k, v in widths.items()}, lambda _: True, "", ""),
     "outliers": (_whole, lambda count: count >= 0, "{} is no number of measurements", "give 0 or more"),
 }

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from cpcal.checker.platform import COORDINATES
 from cpcal.common.files import listed
 from cpcal.common.numbers import about, at_least, at_most, nearest, stated
+from cpcal.models.platform import AXES
 from cpcal.questions.accuracy import FAR, Accuracy, WorkspaceAccuracy
 from cpcal.report.figures import DASHES, EDGE, INK, SUPPORT, Plot, Svg, rectangle
 from cpcal.report.section import Drawing, Mark, Page, Section, Table, Words, origin, verdict
@@ -54,7 +54,7 @@ def assumption(found: Accuracy) -> str:
     whence = "stated by the user" if found.legs[0].stated else "suggested by the residuals of least squares"
     out = sorted({name for leg in found.legs for name in leg.left_out})
     where = f"at the calibration poses{f' but {listed(out)}' * bool(out)} and at every pose spoken of here ({whence})"
-    axes = ", ".join(COORDINATES[k] for k in found.held)
+    axes = ", ".join(AXES[k] for k in found.held)
     return (
         f"ASSUMED: some parameters of each leg, within {stated(found.delta)} mm of the center of the run, satisfy its "
         f"equation to within {size} mm, {where}. At a pose the platform is within {stated(found.within[0])} mm and "

@@ -136,10 +136,10 @@ class Plot:
             lines = [np.array(line, dtype=np.float64) for line in _SHAPES[shape]]
             self._path("".join(_track(place + 0.5 * size * line) for place in places for line in lines), colour, width)
 
-    def hover(self, points: npt.ArrayLike, texts: Sequence[str], size: float) -> None:
-        """What is said of each point when the pointer is on it, within a disc of that diameter."""
+    def hover(self, points: npt.ArrayLike, texts: Sequence[str]) -> None:
+        """What is said of each point when the pointer is on it, within a disc."""
         for (x, y), text in zip(self.at(points).tolist(), texts, strict=True):
-            disc = f'<circle cx="{_n(x)}" cy="{_n(y)}" r="{_n(0.5 * size)}" style="fill: transparent">'
+            disc = f'<circle cx="{_n(x)}" cy="{_n(y)}" r="3" style="fill: transparent">'
             self.elements.append(f"{disc}<title>{escape(text, quote=False)}</title></circle>")
 
     def _path(self, track: str, stroke: str, width: float, dash: str = "", fill: str = "none") -> None:
@@ -275,7 +275,7 @@ def residuals_svg(
     plot.marks(points, "dot", DOT, 3.0)
     plot.across(band, EDGE, 1.0)
     plot.marks(points[wrong[at]], "diamond", SUPPORT, 7.5, 1.1)
-    plot.hover(points, [names[k] for k in at], 6.0)
+    plot.hover(points, [names[k] for k in at])
     return plot.svg(label)
 
 

@@ -12,6 +12,7 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 import numpy as np
@@ -489,15 +490,11 @@ def embedded(run: Path, result: Result, *, study: bool) -> Proof | None:
     """
     certificates = []
     for leg in result.legs:
-        claims = {
-            "ranges": leg.ranges,
-            "recommended": leg.recommended,
-            "passes": leg.passes_from,
-            "reduced": leg.reduced,
-        }
-        named = {kind: one.certificate for kind, one in claims.items() if one is not None}
-        for kind, name in {"bracket": leg.bracket.certificate, **named}.items():
-            if name is not None and (run / name).is_file():
+        best, passes, reduced = leg.recommended, leg.passes_from, leg.reduced
+        claims: dict[str, Any] = {"bracket": leg.bracket, "ranges": leg.ranges, "recommended": best}
+        for kind, of in (claims | {"passes": passes, "reduced": reduced}).items():
+            name = of and of.certificate
+            if name and (run / name).is_file():
                 content = _deflated((run / name).read_bytes())
                 certificates.append({"leg": leg.leg, "kind": kind, "name": name, "deflated": content})
     if not certificates or not (run / _CAMPAIGN).is_file():
