@@ -192,6 +192,24 @@ def _linking(outermost: str, context: Any) -> Iterator[None]:
         del codegen.create_library, context.get_executable
 
 
+@cache
+def _short_errors() -> None:
+    """Let arrays of another shape raise an error without a text: the one that numba writes takes seconds to compile."""
+    from numba.extending import overload
+    from numba.np import arrayobj
+
+    def raised(source: Any, target: Any) -> None: ...
+
+    @overload(raised)  # type: ignore[untyped-decorator]
+    def overloaded(source: Any, target: Any) -> Callable[..., None]:
+        def raise_it(source: Any, target: Any) -> None:
+            raise ValueError("shapes differ")
+
+        return raise_it
+
+    arrayobj.raise_with_shape_context = raised
+
+
 def _machine_code(function: Function, link: Callable[[], None]) -> Any:
     """What numba asks for the machine code of a function, and gives it to: one file for each signature."""
     import numba
@@ -227,6 +245,7 @@ def _machine_code(function: Function, link: Callable[[], None]) -> Any:
             if found is None:
                 self.turn.enter_context(_announced(function.__name__))
                 self.turn.enter_context(_linking(function.__qualname__, context))
+                _short_errors()
                 link()
             return found
 

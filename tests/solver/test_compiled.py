@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+import numpy.typing as npt
 import pytest
 
 from cpcal.solver import compiled
@@ -45,6 +47,16 @@ def begun(folder: Path, code: str, **environment: str) -> subprocess.Popen[str]:
         stderr=subprocess.PIPE,
         text=True,
     )
+
+
+@compiled.compiled
+def put(target: npt.NDArray[np.float64], source: npt.NDArray[np.float64]) -> None:
+    target[:] = source
+
+
+def test_arrays_of_another_shape_are_refused_without_what_takes_seconds_to_compile() -> None:
+    with pytest.raises(ValueError, match="^shapes differ$"):
+        put(np.zeros(3), np.ones(2))
 
 
 @pytest.fixture
