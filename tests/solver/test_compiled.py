@@ -55,7 +55,7 @@ def put(target: npt.NDArray[np.float64], source: npt.NDArray[np.float64]) -> Non
 
 
 def test_arrays_of_another_shape_are_refused_without_what_takes_seconds_to_compile() -> None:
-    with pytest.raises(ValueError, match="^shapes differ$"):
+    with pytest.raises(ValueError, match="shapes differ"):
         put(np.zeros(3), np.ones(2))
 
 
