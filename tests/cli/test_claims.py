@@ -36,10 +36,6 @@ def test_absence_is_stated_below_what_is_proved(box, eps):
     assert F(Decimal(re.search(rf"\|g\| < ({NUMBER}) mm", text)[1])) <= eps
 
 
-def test_a_claim_that_says_nothing_is_no_sentence():
-    assert sentences(accepted(Claims(None, eps_lo=F(0)), (F(-1),) * 8, (F(1),) * 8)) == []
-
-
 def test_the_side_of_an_enclosure_is_rounded_up():
     hull = ((F(0),) * 8, (*(F(1),) * 6, F("8.125"), F(1)))
     box = (F(-100),) * 8, (F(100),) * 8

@@ -17,15 +17,6 @@ def copy(genuine, small, tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_the_same_page_as_certify_wrote(copy):
-    page = copy / "run" / "report.html"
-    first, files = page.read_bytes(), sorted(page.parent.iterdir())
-    page.unlink()
-    assert str(page) in done("report", copy / "run")
-    assert page.read_bytes() == first
-    assert sorted(page.parent.iterdir()) == files
-
-
 def test_the_page_is_written_where_one_says_from_the_run_alone(copy, tmp_path):
     page, new = copy / "run" / "report.html", tmp_path / "new" / "page.html"
     before = page.read_bytes()

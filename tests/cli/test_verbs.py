@@ -11,8 +11,8 @@ from benchmarks.wrong_ways import WRONG_WAYS
 from cpcal.cli import app
 from cpcal.cli.app import VERBS
 from cpcal.common.files import unwritable
-from cpcal.files import campaign_sha256, load_study, save_campaign
-from cpcal.simulate import simulate, simulate_study
+from cpcal.files import campaign_sha256, save_campaign
+from cpcal.simulate import simulate
 from tests.cli.command import done, refused, run
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -34,13 +34,6 @@ def test_simulate_writes_the_campaign_of_its_options(tmp_path):
     assert "6 measurements" in done("simulate", "deltalab", "-o", new, "--no-extremal", *words_of(options))
     expected = cpcal.simulate(**options, extremal=False)
     assert campaign_sha256(cpcal.load_campaign(new)) == campaign_sha256(expected)
-
-
-def test_a_study_of_the_given_options_is_written(tmp_path):
-    options, new = COMMON | OF_A_STUDY, tmp_path / "new" / "s"
-    said = done("simulate", "deltalab", "--study", "-o", new, *words_of(options))
-    assert "256 rows for calibration, 12 for validation (seed 5)" in said
-    assert load_study(new) == simulate_study(**options)
 
 
 @pytest.mark.parametrize("verb", [("simulate", "deltalab"), ("demo",)])

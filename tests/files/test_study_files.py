@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cpcal.common.errors import InputError
-from cpcal.files import load_campaign, load_study, save_study
+from cpcal.files import load_study, save_study
 from cpcal.robot import DELTALAB, PoseTable, Robot, Study
 from cpcal.simulate import simulate_study
 
@@ -103,17 +103,6 @@ def test_a_bad_study_toml(tmp_path, old, new, line, what, remedy):
     found = refused(tmp_path, toml=TOML.replace(old, new))
     assert [row for row in found if row[:2] == ("study.toml", line) and what in row[2] and remedy in row[3]]
     assert {row[0] for row in found} == {"study.toml"}
-
-
-def test_missing_files_and_a_campaign_in_place_of_a_study(tmp_path):
-    found = refused(tmp_path, toml=None, calibration=None, validation=None)
-    assert [row[0] for row in found] == list(NAMES)
-    assert all(row[2] == "does not exist" and "three files" in row[3] for row in found)
-    with pytest.raises(InputError, match="does not exist"):
-        load_study(tmp_path / "nowhere")
-    load(tmp_path)
-    with pytest.raises(InputError, match=r"campaign\.toml: does not exist"):
-        load_campaign(tmp_path)
 
 
 def table(**more):
