@@ -174,12 +174,11 @@ def demo(
         talk.say(*(f"Leg {f.leg}: {f.verified.sentence(name)}" for name, each in fits.items() for f in each))
     question = question_of(campaign, legs=PLAN.legs, ranges=True, tolerance=TOLERANCE)
     with heard(terminate=True):
-        for find in (
-            partial(certified_into, folder / RUN, question, talk=talk, resume=resume),
-            partial(_timeout, campaign, folder / TIMEOUT, talk),
-        ):
-            if (result := find()).interrupted:
-                raise typer.Exit(status_of(result))
+        result = certified_into(folder / RUN, question, talk=talk, resume=resume)
+        if not result.interrupted:
+            result = _timeout(campaign, folder / TIMEOUT, talk)
+        if result.interrupted:
+            raise typer.Exit(status_of(result))
     whole = study_found(folder)
     page = write_file(folder / REPORT_NAME, render_study(whole, folder / RUN))
     talk.say(whole.checked, f"The whole study: {page}")

@@ -140,14 +140,14 @@ class Prover:
         turn, shift = study.motions()
         mean = (turn @ (near.f_rotation @ middle + near.f_translation) + shift).mean(axis=0)
         self.hand, self.board = exact(np.round(mean * 8.0) / 8.0), exact(middle)
-        given = tuple(center), F(reach), None if angle is None else F(angle)
-        self.root = asked_box(*given, self.hand, self.board)
+        far, turned = F(reach), None if angle is None else F(angle)
+        self.root = asked_box(tuple(center), far, turned, self.hand, self.board)
         self.asked = {
-            "center": [number(v) for v in given[0]],
-            "reach": number(given[1]),
-            "angle": None if given[2] is None else number(given[2]),
-            "hand": [number(v) for v in self.hand],
-            "board": [number(v) for v in self.board],
+            "center": list(map(number, center)),
+            "reach": number(far),
+            "angle": turned and number(turned),
+            "hand": list(map(number, self.hand)),
+            "board": list(map(number, self.board)),
         }
 
     def chain(self, name: str, eps: float, images: Sequence[int], end: float = math.inf) -> Proof:

@@ -307,15 +307,14 @@ def certify_hand_eye(
     of the box, and for fewer than four images a group.
     """
     began, every = time.monotonic(), range(len(study.images))
-    if tolerance is not None and not 0.0 <= tolerance < math.inf:
-        raise unusable("tolerance", f"is {tolerance}", "give pixels, from 0")
-    if at is not None and (len(at) != 3 or not np.abs(at).max() < _FARTHEST):
-        raise unusable("point before the camera", f"is {list(at)}", "give x, y, z in the camera frame, mm")
-    if outliers and not 0 < outliers <= len(every) // _LEAST - 2:
-        most = max(len(every) // _LEAST - 2, 0)
-        what = f"is {outliers} of {len(every)} images"
-        remedy = f"these images do for at most {most}: each further one takes {_LEAST} images more"
-        raise unusable("outliers", what, remedy)
+    wrong, most = tolerance is not None and not 0.0 <= tolerance < math.inf, max(len(every) // _LEAST - 2, 0)
+    nowhere = at is not None and (len(at) != 3 or not np.abs(at).max() < _FARTHEST)
+    more = f"these images do for at most {most}: each further one takes {_LEAST} images more"
+    refuse(
+        (wrong, "tolerance", f"is {tolerance}", "give pixels, from 0"),
+        (nowhere, "point before the camera", f"is {at}", "give x, y, z in the camera frame, mm"),
+        (not 0 <= outliers <= most, "outliers", f"is {outliers} of {len(every)} images", more),
+    )
     left = trimmed_fit(study, outliers, np.random.default_rng(seed)) if outliers else []
     kept = [k for k in every if k not in left]
     part, box = study.part(np.array(kept)) if left else study, within or Within()
