@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,8 +18,7 @@ from cpcal.solver.network import CentredForm, ConstraintNetwork, one_sided_rows
 # The box around a polyhedron, by two linear programs per variable (paper, eq. 13 and 14).
 
 
-@dataclass(frozen=True)
-class Polyhedron:
+class Polyhedron(NamedTuple):
     """Every solution in a box satisfies `matrix @ x <= rhs`, exactly: (m, n), (m,); `origin` (m, 2) names constraint
     and element of each row."""
 
@@ -69,8 +68,7 @@ class PolyhedralPrograms(Programs):
 #     v + A (x - c) <= 0   for some v in r(c, M) and some A in the interval matrix of the row
 
 
-@dataclass(frozen=True)
-class IntervalRows:
+class IntervalRows(NamedTuple):
     """K rows: point (n,), value (K,), matrix (K, n); origin (K, 2) names constraint and element of each."""
 
     point: Floats

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,8 +28,7 @@ _SAME = 1e-6  # by which the coefficients of a combination may differ from those
 _RANK = 1e-12  # of the largest singular value
 
 
-@dataclass(frozen=True)
-class Combined:
+class Combined(NamedTuple):
     """`weights` (V, P) of P equations, whose two rows are `above` and `below` (P,), that give the `variables` (V,)."""
 
     above: Indices

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass
 from functools import lru_cache
 from math import comb
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,8 +35,7 @@ _ALL_FACTORINGS = 4  # degree up to which a column is tied to the others by each
 Form = tuple[int, int, float, float] | tuple[int, float] | None
 
 
-@dataclass(frozen=True)
-class ProductRows:
+class ProductRows(NamedTuple):
     """Rows `matrix w <= rhs` that hold for the monomials w (without the constant) of every u in [-1, 1]^n.
 
     They are expanded products of two bounds that are not negative: exact small dyadic numbers.

@@ -169,7 +169,7 @@ def enclosed_leg(asked: AskedSet, *, poses: Sequence[Commanded], certificate: Pa
     def contracted(part: ConstraintNetwork, first: int, most: int) -> None:
         nonlocal box
         n, sides = len(plain.names), leg_sides(statement.problem, len(asked.campaign), asked.only, first=first)
-        prover = WeightProver(replace(statement, sides=sides), _LOSS)
+        prover = WeightProver(statement._replace(sides=sides), _LOSS)
         own = np.r_[0:n, n + first : n + first + len(part.names) - n]
         loaded = [plugins.load(name)(part, objective=None) for name in asked.contractors]
         givers = [giver for contractor in loaded for giver in elements(contractor) if gives_weights(giver)]

@@ -8,11 +8,11 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from itertools import chain
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -198,8 +198,7 @@ _CUBE = 4000  # of the unknowns: up to there a node takes some ten microseconds
 _SHALLOW = {"add", "sub", "neg", "mul", "sqr", "index", "sum", "constant", "variable", "power", "div"}
 
 
-@dataclass(frozen=True)
-class SearchMethod:
+class SearchMethod(NamedTuple):
     """Contractors, the strategy that divides, and how many nodes of it cost about as much as those of the others.
 
     It gives way to the others after so many `turns`, and does not begin before the round `begins`.
@@ -222,8 +221,7 @@ CERTIFYING = (("lifted",), "it gives weights")
 AS_ASKED = (SearchMethod(("as asked",), "largest", 64),)
 
 
-@dataclass(frozen=True)
-class Choice:
+class Choice(NamedTuple):
     """The methods that take turns, cheapest first, and why these."""
 
     methods: tuple[SearchMethod, ...]

@@ -15,7 +15,7 @@ from __future__ import annotations
 import itertools
 import pickle
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,8 +30,7 @@ from cpcal.solver.network import ConstraintNetwork, maximum, minimum, norm, sqr,
 BOXES = 8  # random boxes for each network
 
 
-@dataclass(frozen=True)
-class Case:
+class Case(NamedTuple):
     """A network and some of its solutions, (S, n): exact ones, or ones with room to spare."""
 
     name: str

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction as F
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -38,8 +37,7 @@ LONGEST = 2 * 4 * _DIGITS  # bits
 HIGHEST_POWER = 1100  # of two, in a number of the format
 
 
-@dataclass(frozen=True)
-class Stated:
+class Stated(NamedTuple):
     """A constraint that the certificate states itself: `at_least <= body <= at_most`, or of the root of the body."""
 
     name: str
@@ -61,8 +59,7 @@ def free(_: int) -> None:
 Sides = dict[tuple[int, int], tuple[str, Sequence[int]]]
 
 
-@dataclass(frozen=True)
-class Statement:
+class Statement(NamedTuple):
     """A problem, and how a certificate states it.
 
     head   the first line, but for the box of all unknowns; `items`: constraints that the certificate states itself

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction as F
 from functools import lru_cache
 from typing import NamedTuple
@@ -63,8 +62,7 @@ def _cheapest(low: float, high: float) -> str:
     return min(choices, key=lambda choice: choice[0])[1]
 
 
-@dataclass(frozen=True)
-class _Plan:
+class _Plan(NamedTuple):
     """A trace and its output as arrays. Of each coefficient (T,): its place, the first reading in its monomial (-1:
     none), the odd exponents as bits, whether its monomial is that reading `alone`, the one reading that it is `linear`
     in (-1: none), its number among `monomials` (-1: it has a reading)."""
@@ -208,8 +206,7 @@ Product = tuple[int, int, int, int]  # (1 + p u_i)(1 + q u_j) as i, j, p, q
 Square = tuple[int, float]  # (u_i - t)^2 as i, t
 
 
-@dataclass(frozen=True)
-class Parts:
+class Parts(NamedTuple):
     """Polynomials that weights are put on: coefficients `values` of the monomials with numbers `columns`, those of part
     p from `start[p]` on, and for each part a bound of the sum of their errors."""
 

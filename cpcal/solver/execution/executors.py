@@ -21,13 +21,12 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
-from dataclasses import dataclass
 from functools import lru_cache
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
 from queue import Empty, SimpleQueue
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from cpcal.common.errors import CpcalError, unusable
 from cpcal.solver.execution import stopping
@@ -463,8 +462,7 @@ class Shared(Generic[V]):
         return [one for k in range(len(parts)) for one in found[k]]
 
 
-@dataclass(frozen=True)
-class _Part:
+class _Part(NamedTuple):
     work: Callable[..., Sequence[Any]]
     digest: str
     content: bytes | None

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Iterable, Sequence
 from copy import copy
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -144,8 +144,7 @@ _FLOATS = 32  # units in the last place that are added as well
 _LEAST = 1e-16  # of the domain, so that a zero at 0 gets some room
 
 
-@dataclass(frozen=True)
-class Unique:
+class Unique(NamedTuple):
     """`box` holds exactly one solution, and `region` (around it) no other."""
 
     box: Box

@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -63,8 +64,7 @@ class NotPolynomial(Exception):
     """The expression has no polynomial form that this pass knows."""
 
 
-@dataclass(frozen=True)
-class PolynomialArray:
+class PolynomialArray(NamedTuple):
     """Elements of shape `shape`: the sum of `monomials` (T of them) times `coefficients` (1 + J, T, *B).
 
     B broadcasts to the shape; the first axis is that of `coefficient`.

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 
@@ -176,8 +177,7 @@ class Bounding:
 # What the events add up to, and where a branch and bound stands between two rounds, as lines of JSON.
 
 
-@dataclass(frozen=True)
-class Tally:
+class Tally(NamedTuple):
     """`used`: rows with a weight in some step; `decisive`: those of the steps that decided the leaves."""
 
     nodes: int = 0
@@ -199,8 +199,7 @@ class Tally:
         )
 
 
-@dataclass(frozen=True)
-class Saved:
+class Saved(NamedTuple):
     """Everything that the rest of a minimisation depends on; `seconds` that it took until then."""
 
     names: tuple[str, ...]
@@ -488,8 +487,7 @@ _ROUNDS = 4  # times that measurements are added
 _ADDED = 3  # at a time, for each side of each constraint
 
 
-@dataclass(frozen=True)
-class Alone:
+class Alone(NamedTuple):
     """What some measurements prove alone: a lower bound.
 
     `point`: a better point than that of all measurements, if these alone allow one.

@@ -11,9 +11,8 @@ import time
 import warnings
 from collections.abc import Iterator
 from copy import copy
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,8 +37,7 @@ _EXTENSIONS = 8  # times that they enter
 _FLOOR = 1e-12  # an objective below this is small enough whatever the model promises
 
 
-@dataclass(frozen=True)
-class _State:
+class _State(NamedTuple):
     """A point whose objective component has been moved to its smallest value; the rows there; the merit."""
 
     point: Floats
@@ -276,8 +274,7 @@ class _LateError(Exception):
 # The best point that is proved so far: the one thing that the nodes of a branch and bound have in common.
 
 
-@dataclass(frozen=True)
-class Known:
+class Known(NamedTuple):
     """The best point that is proved, and how often points were proposed."""
 
     witness: Witness | None

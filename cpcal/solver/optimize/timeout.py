@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,8 +26,7 @@ _SHRINK = 0.9  # of a width: another pass of the contractor is worth while
 _DELAY = 0.5  # seconds, of the first call
 
 
-@dataclass(frozen=True)
-class TimeoutOutcome:
+class TimeoutOutcome(NamedTuple):
     """What a solver returns: its answer, a proved point if it found one, who worked.
 
     `checked`: weights alone prove that the answer is infeasible, so that a certificate can say it.

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -267,8 +268,7 @@ def _enters(network: ConstraintNetwork, component: int, constraint: Constraint) 
 # A given point, element by element: is it proved to satisfy the constraints for some reading, or to fail for all?
 
 
-@dataclass(frozen=True)
-class PointVerdicts:
+class PointVerdicts(NamedTuple):
     """For each element (along the constraints' leading axis, N of them): proved to hold, proved to fail, or neither."""
 
     holds: Bools

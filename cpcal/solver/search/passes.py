@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
-from typing import Any, Self
+from dataclasses import replace
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -42,8 +42,7 @@ from cpcal.solver.search.search import Decision, EventKind, Node, Piece, differe
 Record = tuple[str, dict[str, Any]]  # a contractor's name, and a step as a certificate says it
 
 
-@dataclass(frozen=True)
-class Proof:
+class Proof(NamedTuple):
     """What weights prove of a proposed contraction: the box that they leave, the steps, and the certificate's record.
 
     `complete`: each proposed step was proved, but for what shorter numbers give away.
@@ -58,8 +57,7 @@ class Proof:
 StepProver = Callable[[Box, Contraction], Proof]  # proves proposed steps again by their weights
 
 
-@dataclass(frozen=True)
-class Pass:
+class Pass(NamedTuple):
     """What one pass leaves: `contraction` of the node's box, and `found`, a part of that."""
 
     contraction: Contraction

@@ -11,7 +11,7 @@ import heapq
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -243,8 +243,7 @@ class Branch:
     rows: frozenset[Row] = frozenset()
 
 
-@dataclass(frozen=True)
-class Standing:
+class Standing(NamedTuple):
     """How many nodes were ever made, the nodes of no round and those of the round at work, and what was stored.
 
     The state of a node or a piece is None, what was found of its box, or a `Branch`.
