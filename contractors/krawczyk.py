@@ -131,7 +131,7 @@ def beaumont(rows: IntervalRows, box: Box) -> Floats:
     with np.errstate(all="ignore"):
         alpha = (np.abs(hi) - np.abs(lo)) / (hi - lo)
     alpha = np.where(np.isfinite(alpha), np.clip(alpha, -1.0, 1.0), 0.0)
-    return np.asarray(rows.matrix.mid - rows.matrix.rad * alpha)
+    return rows.matrix.mid - rows.matrix.rad * alpha
 
 
 def inequalities(rows: IntervalRows, box: Box, decomposition: Decomposition) -> Polyhedron:

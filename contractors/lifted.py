@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -73,7 +72,7 @@ def over_box(box: Box, directions: Floats) -> Floats:
     with np.errstate(invalid="ignore"):
         terms = bounds * directions
     highest = np.where(directions == 0.0, 0.0, terms.hi)  # zero times an infinite bound is nothing
-    return np.asarray(IntervalArray.point(highest).sum(1).hi)
+    return IntervalArray.point(highest).sum(1).hi
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -129,7 +128,7 @@ class Structures:
         if structure is None:
             system = self._forms.on(sets)
             if keep is not None:
-                system = replace(system, origin=_original(system.origin, self._network, keep))
+                system = system._replace(origin=_original(system.origin, self._network, keep))
             structure = Structure(system)
             while len(self._known) >= _KEPT:
                 del self._known[next(iter(self._known))]

@@ -447,4 +447,4 @@ class Relaxation:
 
 def _up(values: Floats, count: int) -> Floats:
     """Upper bounds of sums of so many numbers >= 0, computed in any order."""
-    return np.asarray(values * (1.0 + (count + 8) * 2.0 * _UNIT) + _SMALLEST)
+    return values * (1.0 + (count + 8) * 2.0 * _UNIT) + _SMALLEST

@@ -484,7 +484,7 @@ class AllReadings:
 
 def _across(p: Floats, q: Floats) -> Floats:
     """(N, 3) the largest components of a cross product of vectors with components of these sizes."""
-    return np.asarray(np.roll(p, -1, 1) * np.roll(q, -2, 1) + np.roll(p, -2, 1) * np.roll(q, -1, 1))
+    return np.roll(p, -1, 1) * np.roll(q, -2, 1) + np.roll(p, -2, 1) * np.roll(q, -1, 1)
 
 
 def _rotated(s: Floats, z: Floats) -> Floats:

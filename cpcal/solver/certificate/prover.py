@@ -92,7 +92,7 @@ class Proposed:
     def shortened(self, bits: int) -> Floats:
         """All of them, of so many bits at most."""
         values, largest = self._all
-        return np.asarray(np.ldexp(np.rint(np.ldexp(values, bits - largest)), largest - bits))
+        return np.ldexp(np.rint(np.ldexp(values, bits - largest)), largest - bits)
 
     @cached_property
     def _all(self) -> tuple[Floats, npt.NDArray[np.intc]]:

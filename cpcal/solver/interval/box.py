@@ -284,7 +284,7 @@ def checked_name(name: object) -> str:
 
 def has_points(lo: Floats, hi: Floats) -> Bools:
     """Which components contain a real number."""
-    return np.asarray((lo <= hi) & (lo < np.inf) & (hi > -np.inf))
+    return (lo <= hi) & (lo < np.inf) & (hi > -np.inf)
 
 
 def _interval(name: str, value: Interval | Number | tuple[Number, Number]) -> Interval:

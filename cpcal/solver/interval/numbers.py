@@ -147,7 +147,7 @@ class HasBounds:
         if np.isfinite(self.lo).all() and np.isfinite(self.hi).all():
             mid = np.asarray(0.5 * self.lo + 0.5 * self.hi)
             np.maximum(mid, self.lo, out=mid)  # halves of subnormal numbers round
-            return np.asarray(np.minimum(mid, self.hi, out=mid))
+            return np.minimum(mid, self.hi, out=mid)
         lo_infinite, hi_infinite = np.isinf(self.lo), np.isinf(self.hi)
         biggest = np.finfo(np.float64).max
         with np.errstate(invalid="ignore"):
@@ -163,7 +163,7 @@ class HasBounds:
         mid = self.mid
         with np.errstate(over="ignore"):
             rad = np.maximum(self.hi - mid, mid - self.lo)
-            return np.asarray(np.where(rad == 0.0, 0.0, np.nextafter(rad, np.inf)))
+            return np.where(rad == 0.0, 0.0, np.nextafter(rad, np.inf))
 
     @property
     def mag(self) -> Floats:
@@ -176,7 +176,7 @@ class HasBounds:
         with np.errstate(all="ignore"):
             width = self.hi - self.lo
             exact = (self.lo == 0.0) | (self.hi == 0.0)
-            return np.asarray(np.where(exact, width, width + np.abs(width) * _PHI))
+            return np.where(exact, width, width + np.abs(width) * _PHI)
 
 
 @dataclass(frozen=True, eq=False)

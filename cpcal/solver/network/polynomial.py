@@ -10,7 +10,6 @@ import math
 import time
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -251,8 +250,7 @@ def pairs(monomials: Iterable[Monomial]) -> int:
 # contractors and listed in `PolynomialSystem.leftover`.
 
 
-@dataclass(frozen=True)
-class Row:
+class Row(NamedTuple):
     """`expr <= 0`, elementwise, wherever `guard >= 0` (everywhere when there is no guard).
 
     Where the guard v is only known to be >= -t, `expr <= t^2` still holds: see `split`.
@@ -353,14 +351,14 @@ def split(row: Row) -> list[Row] | None:
         factor, node, rest = found
         sign = sign_of(ConstraintNetwork(), factor)
         if (op, sign) in (("max", 1), ("min", -1)):
-            return [replace(row, expr=rest + factor * arg) for arg in node.args]
+            return [row._replace(expr=rest + factor * arg) for arg in node.args]
         if (op, sign) == ("abs", 1):
-            return [replace(row, expr=rest + s * factor * node.args[0]) for s in (1.0, -1.0)]
+            return [row._replace(expr=rest + s * factor * node.args[0]) for s in (1.0, -1.0)]
         if op in ("abs", "sqrt") and sign:
             squared = sqr(factor * node.args[0]) if op == "abs" else sqr(factor) * node.args[0]
             if sign < 0:
-                return [replace(row, expr=sqr(rest) - squared, guard=rest)]
-            return [replace(row, expr=rest), replace(row, expr=squared - sqr(rest))]
+                return [row._replace(expr=sqr(rest) - squared, guard=rest)]
+            return [row._replace(expr=rest), row._replace(expr=squared - sqr(rest))]
     return None
 
 
@@ -389,8 +387,7 @@ def rewritten(row: Row) -> list[Row]:
 # The polynomial form of a network: all rows that have one, over one list of shared monomials.
 
 
-@dataclass(frozen=True)
-class PolynomialSystem:
+class PolynomialSystem(NamedTuple):
     """K inequalities `sum_m coefficients[:, k, m] * monomials[m] <= 0` in n variables.
 
     `coefficients` has shape (1 + J, K, M) (see `coefficient`); monomial 0 is 1 and with a monomial all its

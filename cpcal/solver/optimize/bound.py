@@ -122,7 +122,7 @@ class Bounding:
         found_before = known.cut(branch.found)
         done = self._contracting.contract(before, found_before)
         step = done.contraction
-        branch = replace(branch, rows=self.raising(step.steps) or branch.rows)
+        branch = branch._replace(rows=self.raising(step.steps) or branch.rows)
         pays = self._pays(before, step.box, was_closed) or self._pays(found_before, done.found, was_closed)
         # boxes that contraction closes alone need no other fit than the first
         wanted = branch.fresh and not known.closed(step.box) and not (pays and known.served)
@@ -131,9 +131,9 @@ class Bounding:
             point = step.box.mid  # no program says better where the objective has no bounds yet
         if point is not None and wanted:
             pays = known.propose(point) or pays
-            branch = replace(branch, fresh=False)
+            branch = branch._replace(fresh=False)
         left = replace(step, box=known.cut(step.box))
-        branch = replace(branch, found=known.cut(done.found))
+        branch = branch._replace(found=known.cut(done.found))
         kind, pieces = self._next(left.box, branch, pays, was_closed, known)
         return Decision(kind, left, pieces, done.uses, done.proof)
 
@@ -168,7 +168,7 @@ class Bounding:
         found = box if known.settled(branch.found) else branch.found
         cuts = divided(box, found, lambda part: self._strategy.split(part) or bisect(part, self._incumbent.objective))
         return tuple(
-            Piece(piece, replace(branch, found=branch.found.intersect(piece), fresh=k == 0))
+            Piece(piece, branch._replace(found=branch.found.intersect(piece), fresh=k == 0))
             for k, piece in enumerate(cuts)
         )
 

@@ -82,7 +82,7 @@ class _Problem:
             np.maximum(upper, 0.0),
         )
         solution = engine.minimize(1.0 * ~self.free)
-        return np.asarray(reach * solution.point) if solution.status is LinearStatus.OPTIMAL else None
+        return reach * solution.point if solution.status is LinearStatus.OPTIMAL else None
 
 
 def fit_of_many(

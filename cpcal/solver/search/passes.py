@@ -261,11 +261,11 @@ def _middle(lo: Floats, hi: Floats) -> Floats:
     """Half way; of an unbounded interval a number that doubles its distance from zero, so that halves get finite."""
     low, high = np.isinf(lo), np.isinf(hi)
     if not (low.any() or high.any()):
-        return np.asarray(0.5 * lo + 0.5 * hi)
+        return 0.5 * lo + 0.5 * hi
     cut = 0.5 * np.where(low, 0.0, lo) + 0.5 * np.where(high, 0.0, hi)
     above = np.minimum(np.maximum(1.0, 2.0 * lo), _MAX)
     below = np.maximum(np.minimum(-1.0, 2.0 * hi), -_MAX)
-    return np.asarray(np.where(low & high, 0.0, np.where(high, above, np.where(low, below, cut))))
+    return np.where(low & high, 0.0, np.where(high, above, np.where(low, below, cut)))
 
 
 class LargestFirst:
@@ -304,7 +304,7 @@ class LargestFirst:
 
     def _scores(self, lo: Floats, hi: Floats) -> Floats:
         """The component with the highest one is cut: (B, n)."""
-        return np.asarray(IntervalArray(lo, hi).width / self._scale)
+        return IntervalArray(lo, hi).width / self._scale
 
 
 _TINY = float(np.finfo(np.float64).tiny)
@@ -333,7 +333,7 @@ class Smear(LargestFirst):
             found = np.nan_to_num((smear / total).sum(axis=1))
             varies = found.any(axis=1)
             scores[some[varies]] = found[varies]
-        return np.asarray(scores)
+        return scores
 
 
 STRATEGIES: dict[str, Callable[[ConstraintNetwork, float], LargestFirst]] = {

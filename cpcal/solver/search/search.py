@@ -229,8 +229,7 @@ class Search(Iterator[Event]):
 # Where a search stands between two nodes, as values, and as lines of JSON: a line a box.
 
 
-@dataclass(frozen=True)
-class Branch:
+class Branch(NamedTuple):
     """What decisions about a node of a minimisation depend on, besides its box.
 
     found  the part of the box that all contractors have reached (see `cpcal.solver.search.passes`)
