@@ -194,9 +194,9 @@ class LiftedPrograms(Programs):
     def carriers(self, solution: LinearSolution) -> tuple[tuple[tuple[int, int], ...], StepWeights]:
         """Products of more than two variables, which no certificate has, are left out: the others prove less."""
         r, first = self.relaxation, len(self.relaxation.products)
-        rows: list[tuple[int, int, int, float]] = []
-        pairs: list[tuple[int, int, float, float, float]] = []
-        tangents: list[tuple[int, float, float]] = []
+        rows = []
+        pairs = []
+        tangents = []
         for row, weight in zip(solution.rows.tolist(), solution.multipliers.tolist(), strict=True):
             if row >= first:
                 name, scale = self._kept[row - first]

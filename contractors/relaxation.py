@@ -67,9 +67,9 @@ def _is_square(monomial: Monomial) -> bool:
 def product_rows(monomials: Monomials, used: Bools) -> ProductRows:
     """McCormick, secant and tangent rows of every used column of degree two or more, from all its factorings."""
     column = {m: k - 1 for k, m in enumerate(monomials)}
-    rows: list[Floats] = []
-    rhs: list[float] = []
-    forms: list[Form] = []
+    rows = []
+    rhs = []
+    forms = []
     for gamma in monomials[1:]:
         if len(gamma) < 2 or not used[column[gamma]]:
             continue
@@ -137,7 +137,7 @@ class Shift:
     def __init__(self, monomials: Monomials, variables: int) -> None:
         column = {m: k for k, m in enumerate(monomials)}
         degree = max((len(m) for m in monomials), default=0)
-        pairs: dict[tuple[int, int, tuple[int, ...]], int] = {}
+        pairs = {}
         for alpha in monomials:
             for beta, ways in divisors(alpha):
                 # positions in the vector (1, c_0 .. c_n-1, r_0 .. r_n-1)

@@ -134,7 +134,7 @@ def resolution(
     widest = float(np.max(np.minimum(widths, 2.0 * reach) / unit, where=free, initial=0.0))
     if not widest > 0.0:
         return FINE_WIDTH, everywhere, unit
-    finest: float = min(widest * _BOXES ** (-1.0 / freedom), np.inf)
+    finest = min(widest * _BOXES ** (-1.0 / freedom), np.inf)
     finest = max(finest, 5e-324)  # of a domain next to the least float it is zero
     return round(finest, -math.floor(math.log10(finest))), reach, unit  # one digit
 

@@ -610,7 +610,7 @@ class _Pass:
                 out.append((None, excluding))
                 continue
             value = center + radius * (one.value if side == "lo" else -one.value)
-            found: list[tuple[F, Weights]] = []
+            found = []
             for weights in map(one.exact, _FEW_BITS):
                 found.append((self._rule.bound(i, side, weights), weights))
                 if abs(float(found[-1][0]) - value) <= loss:

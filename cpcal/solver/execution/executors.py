@@ -137,7 +137,7 @@ class Processes(Executor):
                 resource_tracker.ensure_running()  # before the next line, since it lets signals through
         if hasattr(signal, "pthread_sigmask"):  # which processes inherit that begin here: Ctrl-C is for this one
             signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
-        worker: _Worker | None = None
+        worker = None
         while (item := self._tasks.get()) is not None:
             future, task = item
             if not future.set_running_or_notify_cancel():
@@ -362,7 +362,7 @@ def outcomes(
     again: deque[tuple[A, int]] = deque()
     finished: SimpleQueue[Future[T]] = SimpleQueue()  # in the order in which they are
     running: dict[Future[T], tuple[A, int]] = {}  # and how often it was begun
-    stopped: float | None = None  # when
+    stopped = None  # when
     reached = time.monotonic()  # a scheduler, last
     try:
         while True:

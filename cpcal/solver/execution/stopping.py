@@ -83,7 +83,7 @@ def give_up(reason: Reason) -> None:
 def _handled(handler: Callable[[int, FrameType | None], None], *numbers: int) -> Iterator[dict[int, Handler]]:
     """While in the block these signals go to the handler, but for those that are ignored: a background job of a shell
     ignores Ctrl-C. The handlers before."""
-    before: dict[int, Handler] = {n: signal.getsignal(n) for n in numbers}
+    before = {n: signal.getsignal(n) for n in numbers}
     before = {n: earlier for n, earlier in before.items() if earlier not in (signal.SIG_IGN, None)}
     try:
         for number in before:

@@ -63,8 +63,8 @@ def positions(shape: Shape) -> npt.NDArray[np.int64]:
 
 def topological(roots: Iterable[Expr]) -> list[Expr]:
     """All distinct nodes under `roots`, arguments first; equal expressions are one node."""
-    order: dict[bytes, Expr] = {}
-    stack: list[tuple[Expr, bool]] = [(root, False) for root in reversed(list(roots))]
+    order = {}
+    stack = [(root, False) for root in reversed(list(roots))]
     while stack:
         node, expanded = stack.pop()
         if node.digest in order:

@@ -85,7 +85,7 @@ def exactly(root: Expr, known: dict[bytes, Any], number: Callable[[float], Any])
 def exactly_zero(network: ConstraintNetwork, roots: Iterable[Expr], point: Floats) -> bool:
     """Whether expressions are 0 at a point (n,), in fractions; False also where they hold roots or functions."""
     fractions = np.array([Fraction(v) for v in point.tolist()], object)
-    known: dict[bytes, Any] = {digest: np.asarray(fractions[where]) for digest, where in network.places.items()}
+    known = {digest: np.asarray(fractions[where]) for digest, where in network.places.items()}
     try:
         return all(bool((exactly(root, known, Fraction) == 0).all()) for root in roots)
     except (NotExact, ZeroDivisionError):

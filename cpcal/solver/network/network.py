@@ -182,7 +182,7 @@ class ConstraintNetwork:
         parts = [part.digest for c in self._constraints for part in c.parts]
         box = self.domain
         key = (what, self.names, box.lo.tobytes(), box.hi.tobytes(), *parts)
-        found: T | None = self._made.get(key)
+        found = self._made.get(key)
         if found is None:
             self._made[key] = found = make()
             for oldest in list(self._made)[:-_KEPT]:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common.values import Bools, Floats, Indices, Shape
+from cpcal.common.values import Bools, Indices, Shape
 from cpcal.solver.interval import IntervalArray
 from cpcal.solver.interval.operations import CODES
 from cpcal.solver.network import coefficient as coef
@@ -172,7 +172,7 @@ class Expander:
 
     def _allotted(self, sets: Mapping[bytes, IntervalArray]) -> dict[bytes, IntervalArray]:
         """Every reading's coefficients: one `delta_j` for each component whose set has a width in some row."""
-        parts: list[tuple[Expr, Floats, Floats, Indices, int]] = []
+        parts = []
         count = 1
         for node in self._leaves.values():
             values = sets.get(node.digest, node.data)
@@ -294,8 +294,8 @@ Term = tuple[Expr, Expr]  # constant factor, expression
 
 def terms(expr: Expr) -> list[Term]:
     """`expr` as a sum of constants times expressions that are no sums themselves."""
-    out: list[Term] = []
-    stack: list[Term] = [(as_expr(1.0), expr)]
+    out = []
+    stack = [(as_expr(1.0), expr)]
     while stack:
         factor, node = stack.pop()
         if node.op in ("add", "sub"):
@@ -324,7 +324,7 @@ def isolated(expr: Expr, op: str) -> tuple[Expr, Expr, Expr] | None:
     """The first term with operation `op`: its factor, its node and the sum of all other terms; None without one."""
     if op not in expr.ops:
         return None
-    found: Term | None = None
+    found = None
     rest = as_expr(np.zeros(expr.shape))
     for factor, node in terms(expr):
         if node.op == op and found is None:

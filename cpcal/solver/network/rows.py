@@ -141,7 +141,7 @@ class Rows:
 
     def _each(self, chosen: Callable[[slice], Indices]) -> list[Indices]:
         """Of each constraint the elements of the leading axis that are chosen of some row of it."""
-        out: list[list[Indices]] = [[np.zeros(0, np.intp)] for _ in range(self._constraints)]
+        out = [[np.zeros(0, np.intp)] for _ in range(self._constraints)]
         for constraint, where, width in self._blocks:
             out[constraint].append(chosen(where) // width)
         return [np.unique(np.concatenate(elements)) for elements in out]

@@ -99,7 +99,7 @@ def fit_of_many(
     if sum(c.body.size for c in network.constraints) <= _MANY:
         return fit(rows, objective, box, start)
     point, chosen = np.asarray(start, np.float64), [np.zeros(0, np.intp)] * len(network.constraints)
-    some: Rows | None = None
+    some = None
     for _ in range(_EXTENSIONS):
         worst = rows.violated(point, _WORST)
         more = [np.union1d(old, new) for old, new in zip(chosen, worst, strict=True)]

@@ -192,7 +192,7 @@ class Search(Iterator[Event]):
         return Event(node, decision, children, self.waiting)
 
     def _decision(self, node: Node) -> Decision:
-        made: Decision | None = node.decided or self._decided.get(node.serial)
+        made = node.decided or self._decided.get(node.serial)
         if made is not None:
             return made
         together = getattr(self._process, "all", None)
