@@ -318,7 +318,7 @@ def consequences(network: ConstraintNetwork) -> tuple[Constraint, ...]:
 
 def _polynomials(network: ConstraintNetwork) -> list[Terms]:
     """Of all equations that have an exact form: monomials with their coefficients."""
-    exact, out = ExactPolynomials(network), list[Terms]()
+    exact, out = ExactPolynomials(network), []
     for root in Equalities.of(network).roots:
         try:
             out += [p.terms for p in exact.of(root).ravel() if any(p.terms)]

@@ -40,7 +40,7 @@ class Case(NamedTuple):
 
 def cases(seed: int = 0) -> list[Case]:
     """The networks of the suite. Known solutions have few binary digits wherever a constraint is tight."""
-    rng, out = np.random.default_rng(seed), list[Case]()
+    rng, out = np.random.default_rng(seed), []
     for make in (_circle, _products, _leg, _readings, _unbounded, _kinks, _division):
         net = ConstraintNetwork()
         out.append(Case(make.__name__[1:], net, np.array(make(net, rng), np.float64)))

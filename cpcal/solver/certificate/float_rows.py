@@ -234,7 +234,7 @@ class FloatRule:
         formed = [self._rows[n] for n in rows]
         columns, values = [own for own, _, _ in formed], [own for _, own, _ in formed]
         sizes = [own.size for own in values] + [4] * len(products) + [3] * len(squares)
-        places, coefficients = list[int](), list[float]()
+        places, coefficients = [], []
         beside: list[Product | Square] = [*products, *squares]
         for one in beside:
             known = self._known_beside.get(one)

@@ -436,7 +436,7 @@ class Descent:
     def over(self, root: ExactBox) -> Contracted:
         """What is left of a box."""
         system, steps = self.system, self.found.steps
-        waiting, left, fresh = [(0, root, 0)], list[ExactBox](), 1
+        waiting, left, fresh = [(0, root, 0)], [], 1
         while waiting:
             name, whole, vain = waiting.pop()
             box = self._passes(name, whole)
@@ -525,7 +525,7 @@ class _Pass:
 
         Both sides have programs of their own, which two threads solve: what they propose depends on no other.
         """
-        proposed, ends = list[tuple[int, str, list[Proposed]]](), dict.fromkeys(asked, -2.0)  # less what is proposed
+        proposed, ends = [], dict.fromkeys(asked, -2.0)  # less what is proposed
         with ThreadPoolExecutor(2) as threads:
             of_sides = list(threads.map(partial(self._families, asked, min(_WORTH, 2.0 * loss)), ("lo", "hi")))
         for side, (families, programs, given_away) in zip(("lo", "hi"), of_sides, strict=True):
@@ -556,7 +556,7 @@ class _Pass:
     ) -> tuple[list[tuple[int, list[Proposed]]], int, float]:
         """What proves bounds on a side whichever are wrong, up to an exclusion, the number of programs, and what those
         of all rows give away of products."""
-        system, sign, known, count = self._system, 1.0 if side == "lo" else -1.0, dict[frozenset[int], _Programs](), 0
+        system, sign, known, count = self._system, 1.0 if side == "lo" else -1.0, {}, 0
 
         def programs(without: frozenset[int]) -> _Programs:
             if without not in known:
@@ -585,7 +585,7 @@ class _Pass:
                 found += part
             return found
 
-        of_all, out = programs(frozenset()), list[tuple[int, list[Proposed]]]()
+        of_all, out = programs(frozenset()), []
         wide = [i for i in asked if self._radius[i] != 0.0]
         objectives = sign * (np.arange(of_all.width) == np.array(wide, np.intp)[:, None])
         for k, solution in of_all.engine.each(objectives, np.array(wide, np.intp)):

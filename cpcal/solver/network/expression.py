@@ -626,7 +626,7 @@ def _concatenate(parts: Sequence[Operand], axis: int = 0) -> Expr:
     exprs = [as_expr(part) for part in parts]
     axis %= exprs[0].ndim
     ends = np.cumsum([0, *(expr.shape[axis] for expr in exprs)])
-    place, spread = np.arange(ends[-1]), list[Expr]()
+    place, spread = np.arange(ends[-1]), []
     for expr, begin, end in zip(exprs, ends, ends[1:], strict=False):
         whole = expr[(slice(None),) * axis + (np.clip(place - begin, 0, end - begin - 1),)]
         mine = ((place >= begin) & (place < end)).astype(np.float64)

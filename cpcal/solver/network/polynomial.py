@@ -181,7 +181,7 @@ class Expander:
             moving = np.flatnonzero(radius.any(axis=0))
             parts.append((node, mid, radius, moving, count))
             count += len(moving)
-        out = dict[bytes, IntervalArray]()
+        out = {}
         for node, mid, radius, moving, first in parts:
             slopes = np.zeros((count if len(moving) else 1, *node.shape))
             slopes[0] = mid
@@ -434,7 +434,7 @@ class PolynomialForms:
         if self._expander is None:
             roots = tuple(row.expr for row in self._first)
             self._expander = Expander(self._network, roots, self._deadline)
-        expanded, leftover = list[Expanded](), list[tuple[int, str]]()
+        expanded, leftover = [], []
         monomials, size = set[Monomial](), 0
         for part, own in ((part, sets[k] if sets else {}) for k, parts in enumerate(self._parts) for part in parts):
             roots = (part.expr,) if part.guard is None else (part.expr, part.guard)
@@ -459,7 +459,7 @@ def _system(network: ConstraintNetwork, rows: list[Expanded], leftover: list[tup
     guard_columns = [k for k, m in enumerate(monomials) if m in of_guards]
     slots = max((p.coefficients.shape[0] for p in forms), default=1)
     counts = np.array([math.prod(q.shape) for q in bodies], np.intp)
-    origins, parts, before = [np.zeros((0, 2), np.intp)], list[int](), Counter[int]()
+    origins, parts, before = [np.zeros((0, 2), np.intp)], [], Counter[int]()
     for (row, *_), count in zip(rows, counts.tolist(), strict=True):
         elements = np.arange(count) if row.elements is None else row.elements
         origins.append(np.stack([np.full(count, row.constraint), elements], axis=1))

@@ -212,7 +212,7 @@ class DecisiveReadings:
         alone = np.bincount(leaf, minlength=tape.program.first) == 1
         grows, falls = np.zeros(tape.program.first, bool), np.zeros(tape.program.first, bool)
         grows[leaf], falls[leaf] = g.lo[entry] >= 0.0, g.hi[entry] <= 0.0
-        sets, decided, able = dict[bytes, IntervalArray](), 0, 0
+        sets, decided, able = {}, 0, 0
         for digest, where in tape.reading_slots.items():
             if alone[where].any():
                 data = self._data[digest]

@@ -84,7 +84,7 @@ class Contracting:
 
     def contract(self, box: Box, found: Box) -> Pass:
         """One pass over a node's box and the part of it that was found."""
-        total, proof, uses = Contraction(box), list[Record](), list[ContractorUse]()
+        total, proof, uses = Contraction(box), [], []
         for name, contractor in self.named:
             calls = steps = 0
             if self._prover is None:
