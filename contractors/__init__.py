@@ -8,14 +8,4 @@ from contractors.qinter import QInter, qinter
 from contractors.regression import Regression
 from contractors.shaving import Cid
 
-__all__ = [
-    "HC4",
-    "Beaumont",
-    "Cid",
-    "Krawczyk",
-    "Lifted",
-    "Newton",
-    "QInter",
-    "Regression",
-    "qinter",
-]
+__all__ = ["HC4", "Beaumont", "Cid", "Krawczyk", "Lifted", "Newton", "QInter", "Regression", "qinter"]

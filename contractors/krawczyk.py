@@ -159,12 +159,7 @@ class Krawczyk(Composable):
     name = "krawczyk"
 
     def __init__(
-        self,
-        network: ConstraintNetwork,
-        *,
-        objective: str | None = None,
-        ratio: float = 0.9,
-        most: int = 20,
+        self, network: ConstraintNetwork, *, objective: str | None = None, ratio: float = 0.9, most: int = 20
     ) -> None:
         self._system = Linearised(network)
         self._objective = None if objective is None else network.names.index(objective)

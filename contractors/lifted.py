@@ -225,12 +225,7 @@ class Lifted(Composable):
 
     gives_weights = True
 
-    def __init__(
-        self,
-        network: ConstraintNetwork,
-        *,
-        objective: str | None = None,
-    ) -> None:
+    def __init__(self, network: ConstraintNetwork, *, objective: str | None = None) -> None:
         self._objective = None if objective is None else network.names.index(objective)
         self._network = network
         self._structures = Structures(network, self._objective)

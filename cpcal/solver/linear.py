@@ -51,12 +51,7 @@ _UNDERFLOW = 1e-290  # more than all that products lose that are too small
 
 
 def lower_bound(
-    matrix: Floats,
-    rhs: Floats,
-    rows: Indices,
-    multipliers: Floats,
-    objective: Floats,
-    columns: IntervalArray,
+    matrix: Floats, rhs: Floats, rows: Indices, multipliers: Floats, objective: Floats, columns: IntervalArray
 ) -> float:
     """A proved lower bound of `objective . z` over `{z in columns : matrix z <= rhs}`, exact float64 numbers all.
 

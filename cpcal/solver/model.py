@@ -170,11 +170,7 @@ def _is_number(value: object) -> bool:
 
 
 def named_strategy(
-    network: ConstraintNetwork,
-    strategy: str | Strategy,
-    width: float,
-    reach: Floats,
-    unit: Floats,
+    network: ConstraintNetwork, strategy: str | Strategy, width: float, reach: Floats, unit: Floats
 ) -> Strategy:
     if not isinstance(strategy, str):
         if not hasattr(strategy, "split"):
@@ -383,10 +379,7 @@ class Network(ConstraintNetwork):
     """
 
     def contract(
-        self,
-        box: Box | None = None,
-        *,
-        contractors: Sequence[str | Contractor] = DEFAULT_CONTRACTORS,
+        self, box: Box | None = None, *, contractors: Sequence[str | Contractor] = DEFAULT_CONTRACTORS
     ) -> Contraction:
         """One pass of the named contractors over `box` (default: the domain). Loses no solution.
 

@@ -124,10 +124,7 @@ def check_names(names: Sequence[str | Contractor]) -> None:
 
 
 def build_each(
-    network: ConstraintNetwork,
-    names: Sequence[str | Contractor],
-    *,
-    objective: str | None = None,
+    network: ConstraintNetwork, names: Sequence[str | Contractor], *, objective: str | None = None
 ) -> list[Named]:
     """The named contractors (or those given) for a network, at least one, with what they are called in results: the
     name that one was asked for by, or its class. Raises PluginError."""

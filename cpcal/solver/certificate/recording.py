@@ -243,12 +243,7 @@ class SearchKeeper(Checkpoint):
     """Keeps where one minimisation stands, and its recording; at the end too, if boxes are left then."""
 
     def __init__(
-        self,
-        path: StrPath | None,
-        of: Mapping[str, str],
-        recording: Recording | None,
-        *,
-        resume: bool,
+        self, path: StrPath | None, of: Mapping[str, str], recording: Recording | None, *, resume: bool
     ) -> None:
         super().__init__(path, of, resume=resume)
         self._recording = recording

@@ -239,13 +239,7 @@ def gauss_seidel(y: Floats, matrix: Floats, columns: Ints, away: Floats) -> bool
 
 @compiled
 def newton_image(
-    value: Floats,
-    jacobian: Floats,
-    center: Floats,
-    rows: Ints,
-    columns: Ints,
-    box: Floats,
-    out: Floats,
+    value: Floats, jacobian: Floats, center: Floats, rows: Ints, columns: Ints, box: Floats, out: Floats
 ) -> int:
     """N(X) in `out` (n, 2): 1; 0 if X holds no zero, -1 if there is no inverse.
 

@@ -46,12 +46,7 @@ class ConstraintNetwork:
         self._constraints: list[Constraint] = []
         self._made: dict[Hashable, Any] = {}  # the last few things that were made of it, by what they depend on
 
-    def variable(
-        self,
-        name: str,
-        shape: int | Shape = (),
-        domain: Domain = (-np.inf, np.inf),
-    ) -> Expr:
+    def variable(self, name: str, shape: int | Shape = (), domain: Domain = (-np.inf, np.inf)) -> Expr:
         """A new unknown; components of an array are called `name[0]`, `name[1,2]`, in boxes.
 
         `domain` is an Interval or a pair of bounds that broadcast to `shape`. Raises ModelError for a name that is

@@ -94,12 +94,7 @@ class Expander:
     very many terms, counts as not polynomial.
     """
 
-    def __init__(
-        self,
-        network: ConstraintNetwork,
-        roots: tuple[Expr, ...],
-        deadline: float,
-    ) -> None:
+    def __init__(self, network: ConstraintNetwork, roots: tuple[Expr, ...], deadline: float) -> None:
         self._deadline = deadline
         self._places = network.places
         self._leaves = {node.digest: node for node in topological(roots) if node.op == "reading"}

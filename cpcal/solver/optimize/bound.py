@@ -60,12 +60,7 @@ class Bounding:
     """
 
     def __init__(
-        self,
-        incumbent: Incumbent,
-        contracting: Contracting,
-        strategy: Strategy,
-        enclose: bool,
-        place: Place | None,
+        self, incumbent: Incumbent, contracting: Contracting, strategy: Strategy, enclose: bool, place: Place | None
     ) -> None:
         self._incumbent, self._contracting, self._strategy, self._enclose = incumbent, contracting, strategy, enclose
         self._elsewhere: Shared[Bounding] | None = None  # and none in what travels

@@ -76,22 +76,13 @@ class _Problem:
         slack = -state.rows.values
         engine = Dense()
         engine.load(
-            matrix / largest[:, None],
-            np.maximum(slack, 0.0) / largest,
-            np.minimum(lower, 0.0),
-            np.maximum(upper, 0.0),
+            matrix / largest[:, None], np.maximum(slack, 0.0) / largest, np.minimum(lower, 0.0), np.maximum(upper, 0.0)
         )
         solution = engine.minimize(1.0 * ~self.free)
         return reach * solution.point if solution.status is LinearStatus.OPTIMAL else None
 
 
-def fit_of_many(
-    network: ConstraintNetwork,
-    rows: Rows,
-    objective: int,
-    start: Floats,
-    box: Box,
-) -> Floats:
+def fit_of_many(network: ConstraintNetwork, rows: Rows, objective: int, start: Floats, box: Box) -> Floats:
     """The same in a part of the network's domain, for many measurements: of those that matter, which are few.
 
     Measurements that the fitted point violates more than it may are added, and the fit goes on.
@@ -168,13 +159,7 @@ class LocalSearch:
     """
 
     def __init__(
-        self,
-        network: ConstraintNetwork,
-        rows: Rows,
-        objective: int,
-        equations: Equations,
-        deadline: float,
-        domain: Box,
+        self, network: ConstraintNetwork, rows: Rows, objective: int, equations: Equations, deadline: float, domain: Box
     ) -> None:
         self._deadline, self._domain = deadline, domain
         self._objective, self._equations = objective, equations
@@ -285,12 +270,7 @@ class Incumbent:
     """Proves points that local fits propose, and says what a box can still improve. It only ever gets better."""
 
     def __init__(
-        self,
-        prepared: Prepared,
-        limits: Limits,
-        deadline: float,
-        domain: Box,
-        best: Known | None = None,
+        self, prepared: Prepared, limits: Limits, deadline: float, domain: Box, best: Known | None = None
     ) -> None:
         self.objective, self.domain = prepared.objective, domain
         self._prepared, self._limits, self._deadline = prepared, limits, deadline

@@ -44,12 +44,7 @@ Solver = Callable[[float, float], TimeoutOutcome]  # eps, seconds
 
 
 def timeout(
-    solve: Solver,
-    *,
-    lo: float,
-    hi: float,
-    limits: Limits,
-    delay: float = _DELAY,
+    solve: Solver, *, lo: float, hi: float, limits: Limits, delay: float = _DELAY
 ) -> Generator[Trial, None, None]:
     """Calls of `solve` until the bracket `[lo, hi]` is closed to the gap of `limits`, or its time is up.
 

@@ -276,9 +276,7 @@ class PointVerdicts(NamedTuple):
 
 
 def verify_point(
-    network: ConstraintNetwork,
-    point: npt.ArrayLike,
-    reading: Sequence[ReadingConstraint] | None = None,
+    network: ConstraintNetwork, point: npt.ArrayLike, reading: Sequence[ReadingConstraint] | None = None
 ) -> PointVerdicts:
     """Verify a point (n,), one value for each component in the order of `names`.
 

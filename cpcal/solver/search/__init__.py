@@ -13,16 +13,7 @@ from cpcal.solver.search.passes import (
 )
 from cpcal.solver.search.paving import Paving, Solution, conclusion
 from cpcal.solver.search.race import Contender, Race
-from cpcal.solver.search.search import (
-    ORDERS,
-    Decision,
-    Event,
-    EventKind,
-    Node,
-    Observer,
-    Piece,
-    Search,
-)
+from cpcal.solver.search.search import ORDERS, Decision, Event, EventKind, Node, Observer, Piece, Search
 
 __all__ = [
     "ORDERS",
