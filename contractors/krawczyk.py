@@ -174,8 +174,7 @@ class Krawczyk(Composable):
             with np.errstate(all="ignore"):  # widths beyond float64 tell nothing
                 return bool(np.sum(after / unit) < ratio * np.sum(before / unit))
 
-        once = partial(self._once, deadline)
-        return repeated(once, box, ratio=self._ratio, most=self._most, pays=pays)
+        return repeated(partial(self._once, deadline), box, ratio=self._ratio, most=self._most, pays=pays)
 
     def _once(self, deadline: float, box: Box) -> Contraction:
         """One step of the interval Newton method, eq. 9."""

@@ -38,8 +38,7 @@ class QInter(Composable):
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         if box.is_empty:
             return Contraction(box)
-        boxes = Box.stacked(contracted(part, box, deadline).box for part in self._parts)
-        hull = q_intersection(boxes, self._q)
+        hull = q_intersection(Box.stacked(contracted(part, box, deadline).box for part in self._parts), self._q)
         after = Box.empty(box.names) if hull is None else box.intersect(hull)
         return narrowed("qinter", box, after)
 

@@ -58,8 +58,7 @@ class Regression(Composable):
         structure = self._structures.on(box, deadline)
         if not structure.positions:
             return Contraction(box)
-        relaxation = Relaxation(structure, box, whole=True)
-        programs = LiftedPrograms("regression", structure, relaxation, box)
+        programs = LiftedPrograms("regression", structure, Relaxation(structure, box, whole=True), box)
         steps = tuple(self._steps(programs))
         lo, hi = box.lo.copy(), box.hi.copy()
         for step in steps:

@@ -82,8 +82,7 @@ def product_rows(monomials: Monomials, used: Bools) -> ProductRows:
                 rows.append(row)
                 rhs.append(bound)
                 forms.append(_form(beta, delta, on_beta, on_delta, on_gamma))
-    matrix = np.array(rows).reshape(len(rows), len(monomials) - 1)
-    return ProductRows(matrix, np.array(rhs), tuple(forms))
+    return ProductRows(np.array(rows).reshape(len(rows), len(monomials) - 1), np.array(rhs), tuple(forms))
 
 
 def _factorings(gamma: Monomial) -> list[tuple[Monomial, Monomial]]:
@@ -176,8 +175,7 @@ class CentredRows:
         lo = np.ascontiguousarray(coefficients.lo.transpose(0, 2, 1))
         hi = lo if coefficients.lo is coefficients.hi else np.ascontiguousarray(coefficients.hi.transpose(0, 2, 1))
         self._mid, self._errors, self.matters = _split(lo, hi, self._gamma)
-        occurs = np.asarray(self._errors.any(axis=1))
-        self._terms = np.flatnonzero(occurs[shift.alpha])
+        self._terms = np.flatnonzero(np.any(self._errors, axis=1)[shift.alpha])
 
     def on(self, center: Floats, radius: Floats) -> tuple[Floats, Floats]:
         """On a box: coefficients (M, K) of every u^beta, and a widening (K,): for all readings in their sets

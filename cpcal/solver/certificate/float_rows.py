@@ -96,8 +96,7 @@ class _Plan(NamedTuple):
 
 @lru_cache(maxsize=64)
 def _plan(model: str, reads: bool, side: str) -> _Plan:
-    formed = leg_formula(model, reads, (side,))
-    trace, ((places, _),) = formed
+    trace, ((places, _),) = leg_formula(model, reads, (side,))
     fixed, sums = {0: 1}, list[tuple[int, int, int]]()
     for k, note in enumerate(trace.notes, start=trace.count):
         if isinstance(note, int):

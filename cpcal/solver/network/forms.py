@@ -109,8 +109,7 @@ class CentredForm:
         if not tape.readings:
             return natural
         value = tape.values(tape.forward(boxes, self._centers))[0]
-        moves = tape.leaves() - tape.leaves(self._centers)
-        total = tape.moved(slots[0], value, moves)
+        total = tape.moved(slots[0], value, tape.leaves() - tape.leaves(self._centers))
         return natural.intersect(_or_line(total, tape.continuous_rows(slots[0]) & ~total.empty & ~value.empty))
 
     def jacobian(self, box: Box) -> IntervalArray:

@@ -34,8 +34,7 @@ class Extremes:
 
     def __init__(self, network: ConstraintNetwork, *roots: Expr, every: bool = False) -> None:
         self.tape, self._asked = shared_tape(network, roots), int(every)
-        first = self.tape.program.given - self.tape.size
-        self._sets = self.tape.leaves()[first:]
+        self._sets = self.tape.leaves()[self.tape.program.given - self.tape.size :]
 
     @property
     def exclusive(self) -> bool:

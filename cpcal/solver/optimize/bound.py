@@ -516,8 +516,7 @@ def support(problem: Prepared, found: Minimum, gap: float, solve: Solve) -> tupl
             return tuple(int(k) for k in chosen)
         more = chosen
         if alone.point is not None:
-            violated = problem.rows.violated(alone.point, _ADDED)
-            more = np.unique(np.concatenate([chosen, *violated]))
+            more = np.unique(np.concatenate([chosen, *problem.rows.violated(alone.point, _ADDED)]))
         if more.size == chosen.size and found.witness is not None:
             more = np.unique(np.concatenate([chosen, *problem.rows.telling(found.witness.point, _ADDED)]))
         if more.size == chosen.size:

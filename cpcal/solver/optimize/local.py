@@ -62,8 +62,7 @@ class _Problem:
             point = point.copy()
             point[self.objective] += move
             excess = excess + slope * move
-        worst = float(np.max(excess[~mended], initial=0.0))
-        merit = float(point[self.objective]) + _PENALTY * max(worst, 0.0)
+        merit = float(point[self.objective]) + _PENALTY * float(np.max(excess[~mended], initial=0.0))
         return _State(point, RowValues(excess, jacobian), merit if np.isfinite(merit) else np.inf)
 
     def step(self, state: _State, radius: float) -> Floats | None:
@@ -365,8 +364,7 @@ class Incumbent:
 
     def cut(self, box: Box) -> Box:
         """Drop what is worse than it."""
-        name = box.names[self.objective]
-        return box.replace(name, hi=min(float(box.hi[self.objective]), self.hi))
+        return box.replace(self.objective, hi=min(float(box.hi[self.objective]), self.hi))
 
     def closed(self, box: Box) -> bool:
         """Whether the box can raise the bracket's lower end no further than the gap asked for."""

@@ -103,8 +103,7 @@ def ask(
     leaves: list[Node | Piece] = [*search.pending, *search.kept]
     # a small box that was kept may hold a point or not: nothing is known
     answer = TimeoutAnswer.INFEASIBLE if all(leaf.state.is_empty for leaf in leaves) else TimeoutAnswer.TIMEOUT
-    checked = contracting.proves and not leaves
-    return TimeoutOutcome(answer, None, nodes, programs, checked, uses)
+    return TimeoutOutcome(answer, None, nodes, programs, contracting.proves and not leaves, uses)
 
 
 def _valid(prover: WitnessProver, event: Event, highest: float) -> Witness | None:

@@ -168,13 +168,15 @@ class WitnessProver:
 
     def _on(self, solved: Box) -> Witness | None:
         """A proof on a box that is known to hold a solution of the equations."""
-        name, middle = solved.names[self.objective], solved.mid
+        middle = solved.mid
         if self.objective in self.equations.enter:  # then they say what the objective is
             if not self._excess(self._rest, solved.array, middle)[0] <= 0.0:
                 return None
             return Witness(middle, float(solved.hi[self.objective]), solved)
         found = self._raised(self._rest, solved.array, middle)
-        return None if found is None else replace(found, around=solved.replace(name, lo=found.value, hi=found.value))
+        if found is None:
+            return None
+        return replace(found, around=solved.replace(self.objective, lo=found.value, hi=found.value))
 
     def _raised(self, rows: _Rows, box: IntervalArray, middle: Floats) -> Witness | None:
         """Raise the objective until all rows hold on the box; None where that does not help, or too far."""

@@ -252,8 +252,7 @@ def bisect(box: Box, component: int) -> tuple[Box, ...]:
     cut = float(_middle(lo[None], hi[None])[0])
     if not lo < cut < hi:
         return ()
-    name = box.names[component]
-    return box.replace(name, hi=cut), box.replace(name, lo=cut)
+    return box.replace(component, hi=cut), box.replace(component, lo=cut)
 
 
 @np.errstate(over="ignore")  # what doubles beyond all floats is cut at the largest

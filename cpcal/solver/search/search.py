@@ -199,8 +199,7 @@ class Search(Iterator[Event]):
         if together is None or len(self.begun) == 1 or self._batch == 1:
             return self._process(node)
         nodes = [one for one in self.begun if one.decided is None][: self._batch]
-        decisions = together(nodes)
-        self._decided = {one.serial: decision for one, decision in zip(nodes, decisions, strict=True)}
+        self._decided = {one.serial: decision for one, decision in zip(nodes, together(nodes), strict=True)}
         return self._decided[node.serial]
 
     def _stored(self, node: Node, decision: Decision) -> tuple[Node, ...]:
