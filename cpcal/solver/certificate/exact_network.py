@@ -211,7 +211,7 @@ def _stated(name: str, constraint: NetworkConstraint, exact: ExactPolynomials) -
 def _bound(bound: Expr, exact: ExactPolynomials, shape: tuple[int, ...]) -> Objects | None:
     """Element by element, None where it is infinite."""
     if np.isinf(bound.data.lo).any():
-        if not bool(np.all(bound.data.lo == bound.data.hi)):
+        if not np.all(bound.data.lo == bound.data.hi):
             raise NotStated("a bound is known to an interval only")
         return np.asarray(_numbers(np.broadcast_to(bound.data.lo, shape)), object)
     return exact.of(bound)

@@ -245,7 +245,7 @@ class UniquenessProver:
             if not box.is_bounded or time.monotonic() > self._deadline:
                 return None
             moved = self._equalities.image(box, center, self._columns)
-            if moved is None or bool(moved.empty.any()):
+            if moved is None or moved.empty.any():
                 return None
             if inside(moved, region, self._columns):
                 return self._checked(moved, region)

@@ -69,7 +69,7 @@ class Box(HasBounds):
         if not has_points(lo, hi).all():
             if (np.isnan(lo) != np.isnan(hi)).any():
                 raise ModelError("one bound is NaN and the other is not: an operation outside its domain?")
-            lo, hi = np.full(len(names), np.nan), np.full(len(names), np.nan)
+            lo = hi = np.full(len(names), np.nan)
         lo.flags.writeable = hi.flags.writeable = False
         fill(self, names=names, lo=lo, hi=hi)
 
@@ -156,7 +156,7 @@ class Box(HasBounds):
     @property
     def is_bounded(self) -> bool:
         """Whether no bound is infinite; the empty box is bounded."""
-        return not bool(np.isinf(self.lo).any() or np.isinf(self.hi).any())
+        return not (np.isinf(self.lo).any() or np.isinf(self.hi).any())
 
     def __len__(self) -> int:
         return len(self.names)

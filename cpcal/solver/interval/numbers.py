@@ -201,19 +201,19 @@ class IntervalArray(HasBounds):
         """Any operation of the table, element by element; n is a power's exponent."""
         operands = (self, self if other is None else other)
         shape = np.broadcast_shapes(*(x.shape for x in operands))
-        out = np.zeros(math.prod(shape)), np.zeros(math.prod(shape))
+        lo, hi = np.zeros((2, math.prod(shape)))
         a, b = (x.broadcast_to(shape).reshape((-1,)).copied() for x in operands)
-        elementwise(code, n, a, b, out)
-        return IntervalArray(*out).reshape(shape)
+        elementwise(code, n, a, b, (lo, hi))
+        return IntervalArray(lo, hi).reshape(shape)
 
     def sum(self, axis: int) -> IntervalArray:
         """Along one axis, which disappears."""
         lo, hi = (np.array(np.moveaxis(bound, axis, -1), np.float64, order="C") for bound in (self.lo, self.hi))
         shape, count = lo.shape[:-1], lo.shape[-1]
         size = math.prod(shape)
-        out = np.zeros(size), np.zeros(size)
-        totals((lo.reshape(size, count), hi.reshape(size, count)), out)
-        return IntervalArray(*out).reshape(shape)
+        below, above = np.zeros((2, size))
+        totals((lo.reshape(size, count), hi.reshape(size, count)), (below, above))
+        return IntervalArray(below, above).reshape(shape)
 
     def __matmul__(self, other: Intervals) -> IntervalArray:
         """Of shapes (..., k) and (k, n)."""

@@ -383,7 +383,7 @@ class Constraint:
         if self.is_equation:
             return f"{self.body} = {self.lower}"
         left, right = (
-            bound.op == "constant" and bool(np.isinf(bound.data.lo).all() and np.isinf(bound.data.hi).all())
+            bound.op == "constant" and np.isinf(bound.data.lo).all() and np.isinf(bound.data.hi).all()
             for bound in (self.lower, self.upper)
         )
         return ("" if left else f"{self.lower} <= ") + str(self.body) + ("" if right else f" <= {self.upper}")
@@ -408,7 +408,7 @@ def as_expr(value: Operand) -> Expr:
         if not any(isinstance(part, Expr) for part in parts):
             raise
         raise ModelError("an array of expressions is numpy.stack([x, y]), no list and no numpy.array") from None
-    if not isinstance(value, IntervalArray) and bool(np.any((leaf.data.lo == np.inf) | (leaf.data.hi == -np.inf))):
+    if not isinstance(value, IntervalArray) and np.any((leaf.data.lo == np.inf) | (leaf.data.hi == -np.inf)):
         raise ModelError("infinity is no real number: leave that constraint out, or write within((lower, numpy.inf))")
     return leaf
 
@@ -420,7 +420,7 @@ def _constant(value: Operand) -> Expr:
     values = value if isinstance(value, IntervalArray) else IntervalArray(*float_bounds(value))
     if values.lo.dtype != np.float64 or values.hi.dtype != np.float64 or values.lo.shape != values.hi.shape:
         raise ModelError("an IntervalArray has two float64 arrays of one shape")
-    if not bool(np.all(values.lo <= values.hi)):
+    if not np.all(values.lo <= values.hi):
         raise ModelError("a constant is NaN or an empty interval")
     return Expr("constant", shape=values.shape, data=values)
 

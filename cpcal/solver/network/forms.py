@@ -62,7 +62,7 @@ def exactly(root: Expr, known: dict[bytes, Any], number: Callable[[float], Any])
 
     def one(node: Expr, args: list[Any]) -> Any:
         if node.op == "constant":
-            if not bool(np.all(np.isfinite(node.data.lo) & (node.data.lo == node.data.hi))):
+            if not np.all(np.isfinite(node.data.lo) & (node.data.lo == node.data.hi)):
                 raise NotExact("a constant is known to an interval only")
             found = np.frompyfunc(number, 1, 1)(node.data.lo)
         elif node.op == "index":

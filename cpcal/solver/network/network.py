@@ -77,7 +77,7 @@ class ConstraintNetwork:
         except ValueError:
             raise ModelError("the shapes of centres and radii of a reading do not fit") from None
         least, most = float_bounds(radius)
-        if not bool(np.all(np.isfinite(values.lo) & np.isfinite(values.hi))) or not bool(np.all(least >= 0)):
+        if not np.all(np.isfinite(values.lo) & np.isfinite(values.hi) & (least >= 0)):
             raise ModelError("a reading needs finite centres and finite, non-negative radii")
         return Expr("reading" if most.any() else "constant", shape=values.shape, data=values)
 

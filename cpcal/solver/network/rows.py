@@ -209,7 +209,7 @@ class DecisiveReadings:
         mine = (paths.leaf >= tape.program.given) & (paths.row >= rows.start) & (paths.row < rows.stop)
         leaf, entry = paths.leaf[mine], paths.entry[mine]
         alone = np.bincount(leaf, minlength=tape.program.first) == 1
-        grows, falls = np.zeros(tape.program.first, bool), np.zeros(tape.program.first, bool)
+        grows, falls = np.zeros((2, tape.program.first), bool)
         grows[leaf], falls[leaf] = g.lo[entry] >= 0.0, g.hi[entry] <= 0.0
         sets, decided, able = {}, 0, 0
         for digest, where in tape.reading_slots.items():

@@ -153,9 +153,9 @@ class Tape:
         something."""
         partials = np.empty((len(self.program.code), 4))  # of every operation
         sweeps.all_partials(self.program, _both(slots), partials)
-        out = np.zeros(len(self.reach.order)), np.zeros(len(self.reach.order))
-        sweeps.gradients(self.program, self.reach, partials, out)
-        return IntervalArray(*out)
+        lo, hi = np.zeros((2, len(self.reach.order)))
+        sweeps.gradients(self.program, self.reach, partials, (lo, hi))
+        return IntervalArray(lo, hi)
 
     def moved(self, slots: IntervalArray, start: IntervalArray, moves: IntervalArray) -> IntervalArray:
         """`start` (K,) plus the derivatives by all readings times their `moves` (constants and readings)."""
