@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import types
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
@@ -25,7 +24,7 @@ from typing import Annotated, Any, Generic, NamedTuple, TypeVar, Union, cast, ge
 
 from cpcal.common.documents import json_object
 from cpcal.common.errors import CpcalError, InputError, shown, unusable
-from cpcal.common.files import write_file
+from cpcal.common.files import StrPath, write_file
 
 T = TypeVar("T")
 
@@ -50,13 +49,13 @@ class Document(Generic[T]):
     format: str
     remedy: str
 
-    def save(self, value: T, folder: str | os.PathLike[str]) -> Path:
+    def save(self, value: T, folder: StrPath) -> Path:
         """Write the file into the folder (made if missing), all or nothing; its path. Raises InputError."""
         data = {"format": self.format, **encoded(value)}
         text = json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
         return write_file(Path(folder) / self.name, text)
 
-    def load(self, folder: str | os.PathLike[str]) -> T:
+    def load(self, folder: StrPath) -> T:
         """Read the file in the folder. Raises InputError."""
         path = Path(folder) / self.name
         data = json_object(path, self.remedy, self.remedy)

@@ -27,7 +27,7 @@ _CHOOSE = "choose a place that can be written to"
 _NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0)
 
 
-def unwritable(path: str | os.PathLike[str], error: OSError) -> InputError:
+def unwritable(path: StrPath, error: OSError) -> InputError:
     """What to raise when the system refuses to write to `path`."""
     where = os.path.join(*(part for part in Path(path).parts if not DRAFT.fullmatch(part)))  # where it was to be
     return OutputError([Problem(where, f"cannot be written: {error.strerror or error}", _CHOOSE)])
@@ -39,7 +39,7 @@ def draft_name() -> str:
 
 
 @contextmanager
-def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+def replacing(path: StrPath) -> Iterator[BinaryIO]:
     """A stream whose bytes become the file `path` when the block ends without an error.
 
     Raises InputError when the file cannot be written, or is there and no regular file.
@@ -59,7 +59,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         draft.unlink(missing_ok=True)
 
 
-def write_file(path: str | os.PathLike[str], content: bytes | str) -> Path:
+def write_file(path: StrPath, content: bytes | str) -> Path:
     """Write one file, text as UTF-8, into a folder that is made if missing; its path. Raises InputError."""
     if "\0" in os.fspath(path):
         raise unwritable(path, OSError(0, "its name holds a NUL"))

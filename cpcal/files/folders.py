@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,7 +24,7 @@ from cpcal.common.documents import (
     written,
 )
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown, unusable
-from cpcal.common.files import NAME_MAX, small_file, write_file, write_folder
+from cpcal.common.files import NAME_MAX, StrPath, small_file, write_file, write_folder
 from cpcal.common.values import Floats, fill
 from cpcal.files.tables import Table, read_table
 from cpcal.robot import (
@@ -84,7 +83,7 @@ def _rows(
     return csv_table([*names, *columns], zip(*names.values(), *columns.values(), strict=True))
 
 
-def save_campaign(campaign: Campaign, path: str | os.PathLike[str]) -> None:
+def save_campaign(campaign: Campaign, path: StrPath) -> None:
     """Write the campaign's two files into the folder `path`, which is made if need be.
 
     A new folder appears complete or not at all. In an existing folder other files stay, and campaign.toml is
@@ -102,7 +101,7 @@ CALIBRATION_NAME = "calibration.csv"
 VALIDATION_NAME = "validation.csv"
 
 
-def save_study(study: Study, path: str | os.PathLike[str]) -> None:
+def save_study(study: Study, path: StrPath) -> None:
     """Write the study's three files into the folder `path`, which is made if need be.
 
     A new folder appears complete or not at all; in an existing one other files stay, and study.toml comes last.
@@ -318,7 +317,7 @@ def settings_template(name: str, legs: int) -> str:
 # Campaigns from files: all problems of both files at once, each with its line.
 
 
-def load_campaign(path: str | os.PathLike[str]) -> Campaign:
+def load_campaign(path: StrPath) -> Campaign:
     """The campaign in the folder `path`.
 
     campaign.toml states the nominal robot and, in [uncertainty], half-widths: as `factor` times
@@ -367,7 +366,7 @@ def _arrays(numbers: Floats, legs: int) -> dict[str, Any]:
     return dict(zip(ARRAYS, np.split(numbers, np.cumsum([3, 4, legs, 3, 3]), axis=1), strict=True))
 
 
-def _existing(path: str | os.PathLike[str], absent: str, see: str = "") -> Path:
+def _existing(path: StrPath, absent: str, see: str = "") -> Path:
     """The folder. Raises InputError where there is none."""
     folder = Path(path)
     if not folder.is_dir():
@@ -376,7 +375,7 @@ def _existing(path: str | os.PathLike[str], absent: str, see: str = "") -> Path:
     return folder
 
 
-def load_settings(path: str | os.PathLike[str]) -> Settings:
+def load_settings(path: StrPath) -> Settings:
     """What a campaign.toml, or that in a folder, says. Raises InputError with every problem of it."""
     file = Path(path) / TOML_NAME if Path(path).is_dir() else Path(path)
     problems = Problems()
@@ -426,7 +425,7 @@ def campaign_sha256(campaign: Campaign) -> str:
     return str(kept["_sha256"])
 
 
-def save_campaign_json(campaign: Campaign, folder: str | os.PathLike[str]) -> Path:
+def save_campaign_json(campaign: Campaign, folder: StrPath) -> Path:
     """Write it into a folder, all or nothing; its path. Raises InputError, also where the checker could not read it."""
     content, path = campaign_json(campaign), Path(folder) / NAME
     if len(content) > _LARGEST:
@@ -436,7 +435,7 @@ def save_campaign_json(campaign: Campaign, folder: str | os.PathLike[str]) -> Pa
     return path
 
 
-def keep_beside(campaign: Campaign, certificate: str | os.PathLike[str]) -> None:
+def keep_beside(campaign: Campaign, certificate: StrPath) -> None:
     """Keep the campaign's file in the folder of a certificate. Raises InputError where another campaign's is there."""
     path = Path(certificate).parent / NAME
     if not path.exists():
@@ -445,7 +444,7 @@ def keep_beside(campaign: Campaign, certificate: str | os.PathLike[str]) -> None
         raise unusable(str(path), "is of another campaign", "choose another folder for the certificate")
 
 
-def load_campaign_json(path: str | os.PathLike[str]) -> Campaign:
+def load_campaign_json(path: StrPath) -> Campaign:
     """The campaign of a file, or of the `campaign.json` in a folder. Raises InputError."""
     file = Path(path) / NAME if Path(path).is_dir() else Path(path)
     content = small_file(file, "name the folder of a run", most=_LARGEST)
@@ -493,7 +492,7 @@ def _texts(value: Any) -> Any:
 # Studies from files (docs/calibration.md): all problems of the three files at once, each with its line.
 
 
-def load_study(path: str | os.PathLike[str]) -> Study:
+def load_study(path: StrPath) -> Study:
     """The study in the folder `path`.
 
     study.toml states the nominal robot and, of a simulated study, the truth; calibration.csv and validation.csv have

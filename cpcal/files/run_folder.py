@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cpcal.common.errors import InputError, Problem, unusable
-from cpcal.common.files import DRAFT, draft_name, exclusive, put_in_place, unwritable
+from cpcal.common.files import DRAFT, StrPath, draft_name, exclusive, put_in_place, unwritable
 
 if TYPE_CHECKING:
     from cpcal.robot import Campaign
@@ -52,7 +52,7 @@ POSE_SETS = FolderKind("sets.csv", (r"[\w.-]+\.pose\.json",))
 
 
 @contextmanager
-def answers_into(folder: str | os.PathLike[str], kind: FolderKind, campaign: Campaign | None = None) -> Iterator[Path]:
+def answers_into(folder: StrPath, kind: FolderKind, campaign: Campaign | None = None) -> Iterator[Path]:
     """A folder aside to write into; when the block ends without an error its files replace the older answers.
 
     Until then the older answers stay. The campaign that they are about goes with them, as campaign.json.

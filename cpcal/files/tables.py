@@ -7,7 +7,6 @@ import csv
 import hashlib
 import io
 import math
-import os
 import re
 import warnings
 from array import array
@@ -20,7 +19,7 @@ import numpy as np
 
 from cpcal.common.documents import NUMBERS, csv_table, unguarded
 from cpcal.common.errors import Problem, Problems, shown, unusable
-from cpcal.common.files import IDENTIFIER_REMEDY, is_identifier, small_file
+from cpcal.common.files import IDENTIFIER_REMEDY, StrPath, is_identifier, small_file
 from cpcal.common.values import LARGEST, Floats
 from cpcal.robot import Pose, PoseTable
 from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
@@ -223,7 +222,7 @@ COLUMNS = ["pose", *POSE]
 _REMEDY = f"give a CSV file with the columns {','.join(COLUMNS)}, in mm"
 
 
-def load_poses(path: str | os.PathLike[str]) -> tuple[tuple[str, ...], Pose]:
+def load_poses(path: StrPath) -> tuple[tuple[str, ...], Pose]:
     """Names and poses (K) of a file; a column `run` may be there. Raises InputError with every problem."""
     problems = Problems()
     table = read_table(Path(path), 0, problems, _REMEDY, required=lambda _: COLUMNS, optional=lambda _: ["run"])

@@ -13,7 +13,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -26,7 +25,7 @@ from cpcal.checker.files import STUDY_NAME
 from cpcal.checker.hand_eye import STUDY_FORMAT
 from cpcal.common.documents import KeyPath, TomlReader, csv_table, document, json_object, one_of, text
 from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
-from cpcal.common.files import write_folder
+from cpcal.common.files import StrPath, write_folder
 from cpcal.common.values import Floats, Indices, Value, fill, frozen_array
 from cpcal.files.log import poses_of_log, read_log
 from cpcal.files.tables import Table, read_table
@@ -252,7 +251,7 @@ _ABSENT = f"a hand-eye study is a folder with {HANDEYE_NAME}, a camera file, {PO
 _SEE = "docs/hand-eye.md, which lists every key and column."
 
 
-def load_hand_eye(path: str | os.PathLike[str]) -> HandEyeStudy:
+def load_hand_eye(path: StrPath) -> HandEyeStudy:
     """The study in the folder `path`.
 
     handeye.toml states the setup and names the camera file; poses.csv has the hand in the base frame, in mm, with a
@@ -318,7 +317,7 @@ def _study(
 
 
 def load_hand_poses(
-    path: str | os.PathLike[str],
+    path: StrPath,
     *,
     rotation: str | None = None,
     unit: str = "",
@@ -358,7 +357,7 @@ def _table(path: Path, required: list[str], optional: list[str], problems: Probl
     return read_table(path, 0, problems, _ABSENT, required=lambda _: required, optional=lambda _: optional)
 
 
-def save_hand_eye(study: HandEyeStudy, folder: str | os.PathLike[str]) -> Path:
+def save_hand_eye(study: HandEyeStudy, folder: StrPath) -> Path:
     """Write the study's four files into `folder`; floats so that they are read back bit for bit. Raises InputError."""
     settings = document(HANDEYE_FORMAT, {"study": {"setup": study.setup, "camera": CAMERA_NAME}}, study.provenance)
     pose_columns, point_columns = POSE_COLUMNS, POINT_COLUMNS
@@ -406,7 +405,7 @@ def study_json(study: HandEyeStudy) -> bytes:
     return (json.dumps(data, allow_nan=False, ensure_ascii=False, separators=(",", ":")) + "\n").encode()
 
 
-def load_study_json(folder: str | os.PathLike[str]) -> HandEyeStudy:
+def load_study_json(folder: StrPath) -> HandEyeStudy:
     """The study of a run. Raises InputError."""
     path = Path(folder) / STUDY_NAME
     remedy = "run cpcal handeye again"

@@ -19,7 +19,6 @@ then from there: about the rotation found, and with the bias of images' centres 
 from __future__ import annotations
 
 import hashlib
-import os
 import re
 import time
 from collections.abc import Mapping, Sequence
@@ -37,7 +36,7 @@ from cpcal.checker.readers import up
 from cpcal.checker.rule import Box
 from cpcal.checker.sight import POSE_SET_FORMAT, Part, Rows, Sight, digest_of, joined, rows_of, sight_of
 from cpcal.common.errors import refuse, unusable
-from cpcal.common.files import write_file
+from cpcal.common.files import StrPath, write_file
 from cpcal.common.values import Floats, Indices, Value, fill, freeze, frozen_array
 from cpcal.robot import Pose, normalised, quaternion_from_matrix, quaternion_product
 from cpcal.robot.kinematics import nearest_rotation
@@ -434,7 +433,7 @@ def enclose_pose(
     camera: Camera | CameraSet,
     *,
     outliers: int = 0,
-    certificate: str | os.PathLike[str] | None = None,
+    certificate: StrPath | None = None,
     sources: Mapping[str, bytes] | None = None,
 ) -> PoseSet:
     """A box that is proved to hold every pose that shows all dots but at most `outliers` in their pixel boxes.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from cpcal.common.errors import InputError, ModelError, unusable
-from cpcal.common.files import small_file
+from cpcal.common.files import StrPath, small_file
 from cpcal.common.numbers import at_most, bracket_text
 from cpcal.problems.minibex import read_minibex
 from cpcal.problems.nl import read_nl
@@ -136,8 +135,8 @@ def answer(
     *,
     width: float | None = None,
     limits: Limits | None = None,
-    certificate: str | os.PathLike[str] | None = None,
-    checkpoint: str | os.PathLike[str] | None = None,
+    certificate: StrPath | None = None,
+    checkpoint: StrPath | None = None,
     resume: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,

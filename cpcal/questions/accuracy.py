@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import tempfile
 import time
 from collections.abc import Collection, Iterator, Sequence
@@ -18,6 +17,7 @@ from cpcal.calibration import fit, mean_rotations
 from cpcal.checker.platform import COORDINATES, MOST_LEGS, Commanded, Leg, pose_bounds, stated
 from cpcal.common.codec import Document, Informed, checked
 from cpcal.common.errors import InputError, Problem, unusable
+from cpcal.common.files import StrPath
 from cpcal.common.numbers import about, bracket_text
 from cpcal.common.values import Floats, Indices
 from cpcal.common.version import __version__
@@ -204,7 +204,7 @@ def certify_accuracy(
     gap: float = 0.2,
     cells: int = 600,
     next_poses: int = 4,
-    certificates: str | os.PathLike[str] | None = None,
+    certificates: StrPath | None = None,
     tell: Tell | None = None,
 ) -> Accuracy:
     """For each pose that the controller commands, and for all of a workspace: how far off the platform can be.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import replace
@@ -13,7 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from cpcal.common.errors import InputError, refuse, together, unusable
-from cpcal.common.files import write_file
+from cpcal.common.files import StrPath, write_file
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import RUN, answers_into
@@ -64,7 +63,7 @@ def certify(
     outliers: int = 0,
     support: str = "few",
     method: str = "bound",
-    certificates: str | os.PathLike[str] | None = None,
+    certificates: StrPath | None = None,
     progress: Progress | None = None,
     model: str | LegModel | None = None,
     half_widths: Mapping[str, float] | None = None,
@@ -132,9 +131,7 @@ def certify(
         return _answered_into(question, certificates, place, resume=resume)
 
 
-def _answered_into(
-    question: Question, run: str | os.PathLike[str] | None, place: Place, *, resume: bool = False
-) -> Result:
+def _answered_into(question: Question, run: StrPath | None, place: Place, *, resume: bool = False) -> Result:
     """All legs, with certificates in the folder of a run, if there is one."""
     if run is None:
         return answered(question, place)
@@ -256,7 +253,7 @@ def compare(
     models: Sequence[str | LegModel] = COMPARED,
     *,
     half_widths: Mapping[str, Mapping[str, float]] | None = None,
-    certificates: str | os.PathLike[str] | None = None,
+    certificates: StrPath | None = None,
     **given: Any,
 ) -> dict[str, Result]:
     """What `certify` answers with each model, by the model's name; `given`: other arguments of `certify`.

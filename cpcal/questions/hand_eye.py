@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,6 +28,7 @@ from cpcal.checker.polynomial import applied, plus
 from cpcal.checker.readers import up
 from cpcal.common.codec import Document, Informed, checked
 from cpcal.common.errors import InputError, refuse, unusable
+from cpcal.common.files import StrPath
 from cpcal.common.numbers import at_least, at_most
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
@@ -538,7 +538,7 @@ _APART = 1e-3  # of the deviations of a least-squares answer, or of the box: how
 _ROUNDING = 1e-6  # mm and rad: the same where pixels fit without error
 
 
-def verify_hand_eye(folder: str | os.PathLike[str]) -> list[tuple[bool, str]]:
+def verify_hand_eye(folder: StrPath) -> list[tuple[bool, str]]:
     """For each statement of the run in `folder`: whether it is accepted, and a sentence.
 
     Raises InputError where files cannot be read.

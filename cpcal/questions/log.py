@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from cpcal.calibration.frames import Drawn, drawn_poses, first_frames, in_base_frame, redefined
 from cpcal.common.errors import InputError, unusable
+from cpcal.common.files import StrPath
 from cpcal.common.numbers import about
 from cpcal.files import Log, Settings
 from cpcal.files.log import campaign_of_log, frame_log, log_settings, read_log, unstated
@@ -75,7 +76,7 @@ def _by_drawing(campaign: Campaign, drawn: list[Drawn] | None = None) -> float:
 
 
 def load_log(
-    path: str | os.PathLike[str] | DataFrame,
+    path: StrPath | DataFrame,
     *,
     robot: Robot | str,
     columns: str | Mapping[str, str] = "",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -13,6 +12,7 @@ import numpy.typing as npt
 
 from cpcal.checker import Accepted
 from cpcal.common.errors import InputError, refuse, together, unusable
+from cpcal.common.files import StrPath
 from cpcal.files import campaign_sha256
 from cpcal.files.folders import keep_beside
 from cpcal.files.run_folder import FITTED, answers_into
@@ -51,7 +51,7 @@ def certify_point(
     point: npt.ArrayLike,
     *,
     eps: float = 0.0,
-    certificate: str | os.PathLike[str] | None = None,
+    certificate: StrPath | None = None,
     model: str | LegModel | None = None,
 ) -> PointResult:
     """For each measurement: does the point (ax, ay, az, bx, by, bz, l) in mm satisfy its equation to within `eps` mm?
@@ -108,7 +108,7 @@ _FITS = ("x_c", "x_c_sigma")
 
 
 def certify_fits(
-    campaign: Campaign, record: CalibrationRecord, folder: str | os.PathLike[str], *, legs: Sequence[int] | None = None
+    campaign: Campaign, record: CalibrationRecord, folder: StrPath, *, legs: Sequence[int] | None = None
 ) -> Fits:
     """Verify both fits of the record by `certify_point` at eps = 0, with certificates in `folder`.
 

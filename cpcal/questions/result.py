@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import math
 import operator
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
@@ -16,6 +15,7 @@ import numpy as np
 
 from cpcal.common.codec import INFORMATION, Document, Informed, checked
 from cpcal.common.errors import printable, refuse, unusable
+from cpcal.common.files import StrPath
 from cpcal.common.numbers import stated
 from cpcal.files.folders import NAME as CAMPAIGN_NAME
 from cpcal.files.folders import campaign_sha256, save_campaign_json
@@ -515,7 +515,7 @@ def check_campaign(campaign: Campaign, parts: Mapping[str, str], remedy: str) ->
             raise unusable(name, f"is of another campaign (sha256 {printable(sha256)}, not {own})", remedy)
 
 
-def save_result(result: Result, run: str | os.PathLike[str], campaign: Campaign | None = None) -> Path:
+def save_result(result: Result, run: StrPath, campaign: Campaign | None = None) -> Path:
     """Write `result.json` into the folder `run` (made if missing), and the `campaign` beside it, as campaign.json.
 
     Without a campaign the folder holds it already, as certificates leave it: a run needs nothing else. Returns the path

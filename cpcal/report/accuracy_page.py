@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
 from markupsafe import Markup
 
-from cpcal.common.files import listed
+from cpcal.common.files import StrPath, listed
 from cpcal.common.numbers import about, at_least, at_most, nearest, stated
 from cpcal.models.platform import AXES
 from cpcal.questions.accuracy import FAR, Accuracy, WorkspaceAccuracy
@@ -171,7 +170,7 @@ _KINDS = {
 }
 
 
-def write_accuracy(found: Accuracy, folder: str | os.PathLike[str]) -> Path:
+def write_accuracy(found: Accuracy, folder: StrPath) -> Path:
     """Write `accuracy.html` into the folder; its path. The same certificate gives the same bytes."""
     robot = f"{'Simulated: ' * found.simulated}{found.campaign.robot}"
     page = Page(

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from cpcal.common.files import listed
+from cpcal.common.files import StrPath, listed
 from cpcal.common.numbers import about, at_least, at_most, bracket_text, nearest, rounded_down, rounded_up, stated
 from cpcal.questions.hand_eye import PARAMETERS, HandEyeResult
 from cpcal.report.figures import residuals_svg
@@ -26,7 +25,7 @@ _CHECKED = (
 _FRAMES = {"eye-in-hand": ("camera in hand", "target in base"), "eye-to-hand": ("camera in base", "target in hand")}
 
 
-def write_hand_eye(found: HandEyeResult, folder: str | os.PathLike[str]) -> Path:
+def write_hand_eye(found: HandEyeResult, folder: StrPath) -> Path:
     """Write `handeye.html` into the folder; its path. The same result gives the same bytes."""
     proofs = f"Certificates (*.cert.jsonl): {_CHECKED} {found.programs:,} linear programs, {about(found.seconds)} s."
     page = Page(

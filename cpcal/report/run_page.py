@@ -6,7 +6,6 @@ import base64
 import hashlib
 import json
 import math
-import os
 import shlex
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,7 +18,7 @@ import numpy as np
 from markupsafe import Markup
 
 from cpcal.common.errors import unusable
-from cpcal.common.files import write_file
+from cpcal.common.files import StrPath, write_file
 from cpcal.common.numbers import (
     about,
     at_least,
@@ -78,9 +77,7 @@ _ROUNDED = (
 _LONGEST = 100  # characters; longer values of the provenance stand in campaign.json only
 
 
-def write_report(
-    campaign: Campaign, result: Result, folder: str | os.PathLike[str], model: LegModel | None = None
-) -> Path:
+def write_report(campaign: Campaign, result: Result, folder: StrPath, model: LegModel | None = None) -> Path:
     """Write the page to `report.html` in `folder`, all or nothing; both are made if missing. Its path.
 
     The same campaign and result give the same bytes. Bounds are printed rounded to the side on which they stay proved;
@@ -98,7 +95,7 @@ def render(
     result: Result,
     study: Section | None = None,
     model: LegModel | None = None,
-    run: str | os.PathLike[str] | None = None,
+    run: StrPath | None = None,
 ) -> str:
     """The page as text; `study` is what `cpcal.report.study_page` shows before the legs, `run` is the folder of the run
     where the page is to check its certificates.
@@ -441,9 +438,7 @@ def comparison_section(found: Compared) -> Section:
     return Section("Smallest error of each model, mm", items=items, parts=[bounds], style="names")
 
 
-def write_comparison(
-    found: Compared, folder: str | os.PathLike[str], *, stopped: bool = False, title: str | None = None
-) -> Path:
+def write_comparison(found: Compared, folder: StrPath, *, stopped: bool = False, title: str | None = None) -> Path:
     """Write `compare.html`, headed by the campaign's title, beside the runs of the models; its path. The same results
     give the same bytes."""
     first = next(iter(found.values()))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from cpcal.common.errors import unusable
+from cpcal.common.files import StrPath
 from cpcal.common.numbers import about, bracket_text, nearest, stated
 from cpcal.common.values import Floats
 from cpcal.models import PARAMETERS
@@ -160,7 +160,7 @@ class StudyFound(NamedTuple):
     truth: Robot | None
 
 
-def render_study(found: StudyFound, run: str | os.PathLike[str] | None = None) -> str:
+def render_study(found: StudyFound, run: StrPath | None = None) -> str:
     """The page as text; the same parts give the same text. `run`: the folder whose certificates the page checks.
 
     Raises InputError for parts of different campaigns.

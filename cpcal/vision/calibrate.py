@@ -6,7 +6,6 @@ squares in blocks, each view's pose eliminated.
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import CpcalError, InputError, printable
+from cpcal.common.files import StrPath
 from cpcal.common.least_squares import Blocks, least_squares
 from cpcal.common.values import Bools, Floats, Ints
 from cpcal.robot import Pose
@@ -305,7 +305,7 @@ def _enough(count: int, reasons: dict[int, str], views: list[TargetView]) -> Non
 # ------------------------------------------------------------------------------------------------------------------
 # The camera from images of a target: points, identified without a camera first, calibration.
 
-Image = str | os.PathLike[str] | npt.NDArray[Any]
+Image = StrPath | npt.NDArray[Any]
 
 
 def calibrate_from_images(images: Sequence[Image], target: Target) -> Calibration:

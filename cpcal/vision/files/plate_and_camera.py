@@ -3,7 +3,6 @@ cameras as OpenCV and ROS write them in YAML."""
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -15,7 +14,7 @@ import numpy as np
 
 from cpcal.common.documents import KeyPath, TomlReader, array, document, one_of, positive, text, truth, whole
 from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
-from cpcal.common.files import small_file, write_file
+from cpcal.common.files import StrPath, small_file, write_file
 from cpcal.common.values import Floats, Value, fill, freeze, frozen_mapping
 from cpcal.vision.camera import BROWN, CAMERA_NUMBERS, LENSES, PIXELS_MAX, Camera, implausible
 from cpcal.vision.opencv import MissingExtraError
@@ -24,9 +23,7 @@ from cpcal.vision.target import Target, target_from
 T = TypeVar("T")
 
 
-def _loaded(
-    path: str | os.PathLike[str], format_: str, sections: tuple[str, ...], read: Callable[[TomlReader], T | None]
-) -> T:
+def _loaded(path: StrPath, format_: str, sections: tuple[str, ...], read: Callable[[TomlReader], T | None]) -> T:
     """What `read` makes of the TOML file `path`. Raises one InputError that lists every problem of the file."""
     problems, file = Problems(), Path(path)
     reader = TomlReader.opened(file, format_, sections, problems, "write one as docs/images.md shows")
@@ -92,7 +89,7 @@ def _covariance_problem(matrix: Floats) -> str:
     return "" if definite else "covariance is of no random numbers: it is not positive semidefinite"
 
 
-def load_camera(path: str | os.PathLike[str]) -> CameraRecord:
+def load_camera(path: StrPath) -> CameraRecord:
     """The camera in a camera.toml, or in a YAML file of OpenCV or ROS.
 
     Raises one InputError that lists every problem, and MissingExtraError for YAML without PyYAML.
@@ -102,7 +99,7 @@ def load_camera(path: str | os.PathLike[str]) -> CameraRecord:
     return _loaded(path, CAMERA_FORMAT, ("camera", "calibration"), _record)
 
 
-def save_camera(record: CameraRecord | Camera, path: str | os.PathLike[str]) -> None:
+def save_camera(record: CameraRecord | Camera, path: StrPath) -> None:
     """Write the camera to the file `path`, complete or not at all. Raises InputError when it cannot be written."""
     write_file(Path(path), camera_bytes(record))
 
@@ -153,7 +150,7 @@ def _record(reader: TomlReader) -> CameraRecord | None:
 TARGET_FORMAT = "cpcal-target/2"
 
 
-def load_target(path: str | os.PathLike[str]) -> Target:
+def load_target(path: StrPath) -> Target:
     """The target in the file `path`, or the board of a short text (`cpcal.vision.target.TEXTS`). Raises one InputError
     that lists every problem."""
     if ":" in str(path) and Path(path).suffix != ".toml":
@@ -161,7 +158,7 @@ def load_target(path: str | os.PathLike[str]) -> Target:
     return _loaded(path, TARGET_FORMAT, ("target",), _target)
 
 
-def save_target(target: Target, path: str | os.PathLike[str]) -> None:
+def save_target(target: Target, path: StrPath) -> None:
     """Write the target to the file `path`, complete or not at all. Raises InputError when it cannot be written."""
     write_file(Path(path), target_bytes(target))
 

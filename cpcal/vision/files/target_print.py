@@ -6,7 +6,6 @@ Printers scale pages unless told not to: a bar of 100 mm stands below the dots t
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 from cpcal.common.errors import unusable
-from cpcal.common.files import write_file
+from cpcal.common.files import StrPath, write_file
 from cpcal.common.values import Floats
 from cpcal.vision.opencv import marker_dictionary, opencv
 from cpcal.vision.target import Board, Target, resized
@@ -101,7 +100,7 @@ def sheet(target: Target, paper: str | None = None) -> Sheet:
     return found
 
 
-def print_target(target: Target, path: str | os.PathLike[str], paper: str | None = None) -> None:
+def print_target(target: Target, path: StrPath, paper: str | None = None) -> None:
     """Write the page to a .pdf or .svg file, on that paper (one of PAPERS) or on the smallest that holds the target.
 
     Raises InputError for another kind of file, one that cannot be written, or a target that the paper does not hold.
