@@ -166,8 +166,8 @@ def drawn_poses(robot: Robot, length: Floats) -> list[Drawn]:
 
     Raises KinematicsError for fewer than six legs and where the drawing cannot reach the readings.
     """
-    found: list[Drawn] = []
-    failed: list[KinematicsError] = []
+    found = []
+    failed = []
     for side in (1.0, -1.0):
         try:
             found.append(forward_poses(robot, length, central_pose(robot, np.median(length, axis=0), side)))
@@ -184,8 +184,8 @@ def first_frames(robot: Robot, length: Floats, seen: Pose, drawn: list[Drawn] | 
     Rows that are far off the others are left out, so that a wrong reading moves no frame. Raises InputError as
     `calibrate_frames` does, and KinematicsError as `drawn_poses`.
     """
-    found: list[tuple[float, FrameCalibration]] = []
-    failed: list[InputError] = []
+    found = []
+    failed = []
     for reached, good in drawn or drawn_poses(robot, length):
         try:
             rows = keep = np.flatnonzero(good)

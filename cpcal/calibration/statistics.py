@@ -249,9 +249,9 @@ def screen(deviations: Deviations, values: Floats | None = None) -> Screening:
     quarter of a channel's, must be wrong.
     """
     found = scores(deviations) if values is None else values
-    silent: Bools = np.asarray(np.isnan(found).all(axis=0))
+    silent = np.asarray(np.isnan(found).all(axis=0))
     known = np.where(np.isnan(found), 0.0, found)
-    beyond: Bools = np.asarray((np.abs(known) > THRESHOLD).any(axis=1))
+    beyond = np.asarray((np.abs(known) > THRESHOLD).any(axis=1))
     rows, too_many = tuple(np.flatnonzero(beyond).tolist()), beyond.sum() > _OUTLIERS_MAX * len(beyond)
     untested = tuple(name for name, quiet in zip(deviations.channels, silent, strict=True) if quiet)
     names = tuple(deviations.row_names[row] for row in rows)

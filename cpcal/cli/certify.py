@@ -284,7 +284,7 @@ def _models_compared(questions: Sequence[Question], runs: Path, resume: bool, pl
 
     Without a tolerance every bracket is an answer; with one, each leg needs a model that passes.
     """
-    found: dict[str, Result] = {}
+    found = {}
     with locked(runs):
         for question in questions:
             name = question.model.name

@@ -21,7 +21,7 @@ from cpcal.files.folders import STUDY_NAME, study_bytes, table_bytes
 from cpcal.files.run_folder import POSE_SETS, answers_into
 from cpcal.files.tables import load_readings, readings_bytes
 from cpcal.models.sight import CameraSet, Enclosed, Enclosing, TargetSet, stem_of
-from cpcal.report.section import Drawing, Page, Picture, Section, Table, Words, origin, verdict
+from cpcal.report.section import Drawing, Page, Picture, Section, Table, origin, verdict
 from cpcal.robot import Robot, Study
 from cpcal.robot.campaign import SIMULATION, titled
 from cpcal.simulate import simulate_study
@@ -276,7 +276,7 @@ def rejected(found: Detections, name: str) -> Iterator[Section]:
 
 
 def _some_images(seen_images: Sequence[SeenImage]) -> Iterator[Section]:
-    pictures: list[tuple[Picture, Words]] = []
+    pictures = []
     for seen in seen_images:
         row, caption, kind, word = seen.row, seen.row.file, "unexplained", "refused"
         if row.found:
@@ -368,7 +368,7 @@ def sets(
     source = ImageFolder(images, (lens.camera.width, lens.camera.height))
     sources = {camera.name: camera.read_bytes()}
     sources |= {target.name: target.read_bytes()} if target.is_file() else {"target.toml": target_bytes(plate)}
-    rows: list[Enclosed] = []
+    rows = []
     with heard(terminate=True), answers_into(folder, POSE_SETS) as draft, counted("images", talk.console()) as progress:
         work = Enclosing(source, plates, cameras, half_width, outliers, draft, sources, turn)
         for some in in_parallel(work, names, workers):
@@ -397,7 +397,7 @@ def _cells(one: Enclosed) -> list[str | float | None]:
     """A row of the table."""
     if (found := one.found) is None:
         return [one.file, "unknown", one.reason, *[None] * len(NUMBERS)]
-    numbers: list[float | None] = [None] * len(NUMBERS)
+    numbers = [None] * len(NUMBERS)
     if found.pose is not None and found.position_radius is not None and found.rotation_radius is not None:
         parts = found.pose.position, found.pose.quaternion, found.position_radius, found.rotation_radius
         numbers = np.concatenate(parts).tolist()

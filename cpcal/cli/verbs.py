@@ -329,7 +329,7 @@ def answer(
 
     A full disk costs the files, not the answer: why it cannot be written is raised once it is shown.
     """
-    found: list[T] = []
+    found = []
     failure, name = None, ""
     try:
         with answers_into(folder, kind, campaign) as draft:

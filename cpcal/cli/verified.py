@@ -181,7 +181,7 @@ def _table_problem(path: Path, found: Sequence[PoseSetChecked]) -> str:
     from cpcal.models.sight import stem_of
 
     content = small_file(path, "", most=JSON_MAX)
-    claims: dict[str, tuple[str, list[F]]] = {}
+    claims = {}
     for one in found:
         if one.radii is not None:
             claims[one.name] = Verdict.PROVED.value, [*one.pose, *one.radii]

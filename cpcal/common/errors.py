@@ -131,7 +131,7 @@ class Problems:
         self, where: str, what: str, name: str, known: Iterable[str], otherwise: str, line: int | None
     ) -> None:
         """Add an unknown name, with the nearest known one as remedy, or `otherwise`."""
-        near: list[str] = []
+        near = []
         if len(self.listed) < LISTED:  # the search is slow, and a file of rubbish holds many names
             near = difflib.get_close_matches(name[:100], list(known), n=1)
         self.add(Problem(where, what, f"did you mean {near[0]!r}?" if near else otherwise, line))

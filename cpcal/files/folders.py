@@ -53,7 +53,7 @@ CSV_NAME = "measurements.csv"
 
 def toml_bytes(campaign: Campaign) -> bytes:
     """The canonical campaign.toml; floats by repr, so that they are read back bit for bit."""
-    uncertainty: dict[str, object] = {"exact": True}
+    uncertainty = {"exact": True}
     if (stated := campaign.uncertainty) is not None:
         suffix = "half_width" if stated.factor is None else "sigma"
         uncertainty = {"factor": stated.factor} | {f"{kind}_{suffix}": getattr(stated, kind) for kind in KINDS}
@@ -117,7 +117,7 @@ def save_study(study: Study, path: StrPath) -> None:
 
 def study_bytes(study: Study) -> bytes:
     """The canonical study.toml; floats by repr, so that they are read back bit for bit."""
-    simulated: dict[str, object] = {}
+    simulated = {}
     if (truth := study.truth) is not None:
         frames = {"camera": truth.camera, "target": truth.target}
         poses = {name: {"position": of.position, "quaternion": of.quaternion} for name, of in frames.items()}
@@ -301,7 +301,7 @@ def settings_template(name: str, legs: int) -> str:
     if known is None and not 1 <= legs <= _LEGS_MAX:
         raise unusable("option legs", f"has no meaning: {legs}", f"give 1 to {_LEGS_MAX}")
     blank = np.full((legs, 3), np.nan)
-    robot: dict[str, Any] = {"name": name, "base": blank, "mobile": blank, "offset": blank[:, 0]}
+    robot = {"name": name, "base": blank, "mobile": blank, "offset": blank[:, 0]}
     lines = [f"{_START}format = {written(FORMAT)}", "", "[robot]"]
     if known is not None:
         robot = vars(known.robot)

@@ -140,7 +140,7 @@ class _Reader:
                 start = "write commas, and points as decimal signs; or let `cpcal import` read the table"
             self.wrong(what, start)
             return []
-        columns: list[str] = []
+        columns = []
         for name in names:
             if name in columns:
                 self.wrong(f"the column {name!r} is there twice", "take one of them out")

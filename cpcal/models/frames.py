@@ -25,7 +25,6 @@ from cpcal.checker import FORMAT
 from cpcal.checker.frames import E_, F_, R_F, R_X, SIZE, T_F, T_X, Rows, Study, asked_box
 from cpcal.checker.rule import Box
 from cpcal.common.numbers import at_most
-from cpcal.common.values import Floats
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, study_json
 from cpcal.robot import normalised, quaternion_from_matrix, rotation_matrix
 from cpcal.solver.certificate.exact_network import number
@@ -234,7 +233,7 @@ def spread(study: HandEyeStudy, images: Sequence[int], count: int) -> list[int]:
     if len(images) <= count:
         return list(images)
     turn = study.motions()[0][list(images)].reshape(len(images), 9)
-    place: Floats = study.poses.position[list(images)]
+    place = study.poses.position[list(images)]
     place = place / max(float(np.ptp(place, axis=0).max()), 1e-9)
     where = np.concatenate([turn, place], axis=1)
     chosen = [0]

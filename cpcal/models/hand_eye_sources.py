@@ -11,7 +11,7 @@ import numpy as np
 
 from cpcal.common.errors import InputError, unusable
 from cpcal.common.numbers import at_most, nearest, stated
-from cpcal.common.values import Floats, Indices
+from cpcal.common.values import Floats
 from cpcal.models.hand_eye import SETUPS, HandEyeStudy, Setup, study_of_board
 from cpcal.models.hand_eye_fit import classical_answer, estimated_half_widths
 from cpcal.robot import (
@@ -62,8 +62,8 @@ def study_of_photos(
 
     Raises InputError where no photograph has both a pose and a target, UnreadableImageError, MissingExtraError.
     """
-    seen: list[tuple[str, Indices, Floats]] = []
-    left: list[str] = []
+    seen = []
+    left = []
     for name in image_files(folder):
         whole = Path(name)
         names = (whole.stem, whole.name, whole.with_suffix("").as_posix(), name)

@@ -345,7 +345,7 @@ def leg_equation(
     extra = {p.name: net.variable(p.name, (), (box.lo[i], box.hi[i])) for i, p in enumerate(model.extra, start=7)}
     position = net.reading(campaign.position, campaign.position_radius)
     length = net.reading(campaign.length[:, k], campaign.length_radius[:, k])
-    scale: Expr | None = None
+    scale = None
     scaled = not built_in(model) and exactly_read(campaign, leg)
     if scaled and stated:
         matrix, scale = rational_rotations(as_expr(campaign.quaternion))

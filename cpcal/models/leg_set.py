@@ -164,7 +164,7 @@ def enclosed_leg(asked: AskedSet, *, poses: Sequence[Commanded], certificate: Pa
     root = with_forms(exact_box(plain.domain), [polynomial(form, free) for form in forms], free)
     names = (*plain.names, *(f"form {k}" for k in range(len(forms))))
     box = Box(names, [float(v) for v in root.lo], [float(v) for v in root.hi])
-    steps: list[dict[str, Any]] = []
+    steps = []
 
     def contracted(part: ConstraintNetwork, first: int, most: int) -> None:
         nonlocal box

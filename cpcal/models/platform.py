@@ -387,7 +387,7 @@ class Workspace:
     @classmethod
     def parsed(cls, text: str) -> Workspace:
         """Of `x=-50:50,y=-50:50,z=430:480,rx=-2:2`, degrees for rx, ry, rz; one number is both ends. InputError."""
-        known: dict[str, tuple[float, float]] = dict.fromkeys(AXES[3:], (0.0, 0.0))
+        known = dict.fromkeys(AXES[3:], (0.0, 0.0))
         for part in text.split(","):
             name, _, ends = part.strip().partition("=")
             low, _, high = ends.partition(":")

@@ -503,7 +503,7 @@ def trimmed_fit(study: HandEyeStudy, outliers: int, random: np.random.Generator)
     Each fit is repeated with the images that fit best, until they stay the same.
     """
     count = len(study.images)
-    best: tuple[float, list[int]] | None = None
+    best = None
     for trial in range(_TRIALS):
         chosen = np.arange(count) if not trial else np.sort(random.choice(count, _LEAST, replace=False))
         for _ in range(10):

@@ -41,8 +41,8 @@ def _rotation(
     tracker; None where none does, or one does without such frames (unless `base`)."""
     step = -(-len(log.rows) // _TRIED)
     few = replace(log, rows=log.rows[::step], lines=log.lines[::step])
-    tried: list[tuple[float, str]] = []
-    drawn: list[Drawn] | None = None
+    tried = []
+    drawn = None
     for name in _FORMS:
         try:
             campaign = campaign_of_log(few, settings, columns, name)

@@ -100,7 +100,7 @@ class Options:
     outliers: Annotated[int, checked("what the proofs bear")] = 0
 
     def __post_init__(self) -> None:
-        wrong: list[tuple[object, str, str, str]] = []
+        wrong = []
         for name, (kind, good, what, remedy) in _KINDS.items():
             value = getattr(self, name)
             if value is None:
@@ -127,7 +127,7 @@ class Options:
 
     def words(self) -> list[str]:
         """The options of `cpcal certify` that say the same; those that decide the answer are always named."""
-        out: list[str] = []
+        out = []
         for option in fields(self):
             name, value = option.name, getattr(self, option.name)
             # half-widths of extra parameters stand in the campaign, and no option says them

@@ -188,7 +188,7 @@ def answer(found: Accuracy) -> Section:
         "Controller: recommended parameters. Its own readings are taken to be reached; what the servo leaves counts as "
         "model error. Poses are of the mobile frame in the campaign's base frame."
     )
-    said: list[Words] = []
+    said = []
     for sentence in (assumption(found), *sentences(found)):
         word, _, rest = sentence.partition(":")
         kind = next(kind for begin, kind in _KINDS.items() if sentence.startswith(begin))

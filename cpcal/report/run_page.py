@@ -11,7 +11,6 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
 import numpy as np
@@ -181,7 +180,7 @@ def answer_section(result: Result, found: Mapping[int, Advice]) -> Section:
 def bounds_table(result: Result) -> Table:
     """A row a leg. Bounds are rounded to the side on which they stay proved."""
     eps, some_wrong = result.options.eps, result.options.outliers
-    rows: list[tuple[Words, ...]] = []
+    rows = []
     for leg in result.legs:
         ends = leg.bracket.lo, leg.bracket.hi
         named = zip(bracket_text(*ends), ("eps_lo", "eps_hi"), ends, strict=True)
@@ -305,7 +304,7 @@ def _table(
         unit = result.model.unit(name)
         decimals, called = (_DECIMALS, name) if unit == "mm" else (_MORE, f"{name} [{unit}]")
         load = claimed_by(best.certificate, nearest(best.point[k], decimals), "recommended", leg, best.point[k], name)
-        row: dict[str, Words] = {"parameter": called, "nominal": nearest(nominal[k], decimals), "load": load}
+        row = {"parameter": called, "nominal": nearest(nominal[k], decimals), "load": load}
         if fit is not None:
             row["fit"] = nearest(float(fit.x[k]), decimals)
         if point is not None:
@@ -486,7 +485,7 @@ def embedded(run: Path, result: Result, *, study: bool) -> Proof | None:
     certificates = []
     for leg in result.legs:
         best, passes, reduced = leg.recommended, leg.passes_from, leg.reduced
-        claims: dict[str, Any] = {"bracket": leg.bracket, "ranges": leg.ranges, "recommended": best}
+        claims = {"bracket": leg.bracket, "ranges": leg.ranges, "recommended": best}
         for kind, of in (claims | {"passes": passes, "reduced": reduced}).items():
             name = of and of.certificate
             if name and (run / name).is_file():

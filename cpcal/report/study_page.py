@@ -89,7 +89,7 @@ def of_legs(rows: Rows, errors: Rows | None = None) -> Table:
 def validation(record: CalibrationRecord) -> Table:
     """Table 6: errors of the validation poses, positions in mm and orientations in degrees."""
     plain, weighted = record.validation.x_c, record.validation.x_c_sigma
-    rows: list[tuple[str, ...]] = []
+    rows = []
     for k, (kind, figure) in enumerate(_FIGURES):
         unit, size = ("[°]", math.degrees(1.0)) if kind == "orientation" else ("[mm]", 1.0)
         values = (*plain.figures(kind)[figure], weighted.figures(kind)[figure][1])
@@ -316,7 +316,7 @@ def _certified(found: StudyFound) -> Iterator[Section]:
 def _table7(found: StudyFound) -> Table:
     """Both methods' brackets, lower ends rounded down and upper ends up, beside the paper's; a column a leg, mm."""
     legs = [leg.leg for leg in found.result.legs]
-    rows: list[tuple[str, ...]] = []
+    rows = []
     for name, result in (("bound", found.result), ("timeout", found.timeout)):
         bounds = {leg.leg: bracket_text(leg.bracket.lo, leg.bracket.hi) for leg in result.legs}
         for side, end in enumerate(("none below", "attained")):

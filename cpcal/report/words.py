@@ -340,7 +340,7 @@ def _another_model(
     """The simplest model whose fit, a few steps from the plain one's, leaves much less than its `own`, and what."""
     if model.name != PLAIN.name or len(campaign) < 2 * len(PLAIN.parameters):
         return None
-    largest: dict[str, float] = {}
+    largest = {}
     for name in _OTHER_MODELS:
         other = leg_model(name)
         x = np.append(fit, np.zeros(len(other.extra)))

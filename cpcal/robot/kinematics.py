@@ -252,7 +252,7 @@ def newton(robot: Robot, gaps: Callable[[Pose], Floats], pose: Pose, accuracy: n
     longest = 0.3 * np.mean(np.linalg.norm(leg_vectors(robot, pose), axis=-1), axis=-1)  # mm, of a step
     arm = 1.0 + float(np.max(np.linalg.norm(robot.mobile, axis=1)))  # mm/rad
     scale = np.repeat([1.0, arm], 3)
-    converged: Bools = np.zeros(len(longest), dtype=np.bool_)
+    converged = np.zeros(len(longest), dtype=np.bool_)
     for _ in range(_ITERATIONS):
         gap = gaps(pose)
         step = np.einsum("kij,kj->ki", np.linalg.pinv(pose_jacobian(robot, pose) / scale), gap)

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from cpcal.common.errors import YOUR_DATA, Problem, Problems, refuse, shown, unusable
 from cpcal.common.files import NAME_MAX
-from cpcal.common.values import Bools, Floats, Value, as_floats, fill, frozen_mapping
+from cpcal.common.values import Floats, Value, as_floats, fill, frozen_mapping
 from cpcal.robot.kinematics import (
     normalised,
     quaternion_from_matrix,
@@ -98,7 +98,7 @@ class RotationForm:
         if values.ndim != 2 or values.shape[1] != width:
             what = f"have the shape {values.shape} for the form {self.name}"
             raise unusable("rotations", what, f"give one row of {width} numbers for each measurement")
-        good: Bools = np.asarray(np.isfinite(values).all(axis=1))
+        good = np.asarray(np.isfinite(values).all(axis=1))
         finite, off, what, remedy = np.where(good[:, None], values, 0.0), np.zeros(len(values)), "", "correct it"
         with np.errstate(all="ignore"):
             if width == 4:

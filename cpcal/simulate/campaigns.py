@@ -155,7 +155,7 @@ def simulate(
     turn = small_rotation(draw[:, 3:6] * pose_sigma[3:])
     stated = Uncertainty(pose_sigma[:3], pose_sigma[3:], length_sigma, factor) if factor > 0 else None
     apart = ("robot", "stroke", "workspace")
-    options: dict[str, object] = {name: value for name, value in given.items() if name not in apart}
+    options = {name: value for name, value in given.items() if name not in apart}
     if workspace is None:
         options["stroke"] = list(stroke)
     else:

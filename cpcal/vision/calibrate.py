@@ -317,7 +317,7 @@ def calibrate_from_images(images: Sequence[Image], target: Target) -> Calibratio
     Raises NotCalibratedError where the usable images do not determine the camera.
     """
     names = [f"image {k}" if isinstance(one, np.ndarray) else printable(one) for k, one in enumerate(images, start=1)]
-    sizes: dict[int, tuple[int, int]] = {}
+    sizes = {}
     camera, nothing = None, np.zeros((0, 2))
     for _ in range(3):  # without a camera, with the rough one that this gives, and with a good one
         reasons, views = {}, {}

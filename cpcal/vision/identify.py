@@ -69,7 +69,7 @@ class View:
     def in_view(self, predicted: Floats, margin: Floats) -> Bools:
         """Which predicted points (..., 2) would be seen whole, `margin` (...) their radius."""
         low, high = _seen_rectangle(self.camera)
-        inside: Bools = np.asarray(((predicted >= low) & (predicted <= high)).all(axis=-1))
+        inside = np.asarray(((predicted >= low) & (predicted <= high)).all(axis=-1))
         pixels = self.camera.pixels(np.where(inside[..., None], predicted, 0.0))
         edge = (2.0 * margin * self.camera.focal.max())[..., None]  # whole, and some plate around it
         size = np.array([self.camera.width, self.camera.height])
@@ -217,7 +217,7 @@ def ways(some: Ints, others: Ints) -> tuple[Ints, Ints]:
     """Of all (m, 3, 3) that take nodes (n, 2) to others (k, 2) those that meet the most, for each turn and shear; and
     how many they meet (m,)."""
     wide = 2 * int(np.abs(some).sum(axis=1).max() + np.abs(others).max()) + 1  # a shift's x and y in one number
-    maps: list[list[list[int]]] = []
+    maps = []
     counts: list[int] = []
     seen = others @ [wide, 1]
     for k, turn in enumerate(_TURNS):

@@ -231,7 +231,7 @@ def shared_part(model: Pixels, found: PoseFit, target: Target, covariance: Float
         return np.zeros((6, 6)), found.chi_square
     dots, camera, count, pose = model.dots, model.camera, len(model.dots), found.pose
     centers, by_pose = centers_by_pose(dots, target.radius, camera.packed, pose)
-    sources: list[Floats] = []  # derivatives (m, 2, k) of the centres by k errors of deviation 1
+    sources = []  # derivatives (m, 2, k) of the centres by k errors of deviation 1
     if covariance is not None:
         values, vectors = np.linalg.eigh(covariance)
         half = vectors * np.sqrt(np.maximum(values, 0.0))

@@ -223,7 +223,7 @@ def _begin(p: Floats, center: Floats, spread: Floats, light: Floats) -> float:
 @compiled
 def _levels(p: Floats, unit: float, depth: Single, level: Single) -> float:
     """Back, contrast and blur to begin with; returns the variance of the levels."""
-    grey: Floats = level.astype(np.float64)
+    grey = level.astype(np.float64)
     outer = grey[depth < -1.5 / unit]
     inner = grey[depth > min(1.5 / unit, 0.4 * max(depth.max(), 0.0))]
     back = outer.sum() / max(len(outer), 1)

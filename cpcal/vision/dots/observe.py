@@ -77,7 +77,7 @@ def _levels(grey: Grey, found: Spots, gap: Floats) -> Floats:
     """Grey levels (n,) of the bright surface: the mean of nine pixels in the middle of bright dots, of sixteen beside
     dark ones."""
     if found.bright:
-        steps: Floats = np.stack(np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]), axis=-1).reshape(-1, 2)
+        steps = np.stack(np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]), axis=-1).reshape(-1, 2)
     else:
         angle = np.pi / 8.0 * np.arange(16)
         ways = np.stack([np.cos(angle), np.sin(angle)], axis=1)
