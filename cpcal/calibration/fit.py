@@ -70,7 +70,7 @@ class Noise:
     ) -> Noise:
         """Uncorrelated readings: standard deviations of position (mm) and rotation (rad) (3,) or (N, 3), and of
         the leg readings (mm) (n,) or (N, n), for `count` measurements."""
-        rows = [np.atleast_1d(np.asarray(values, dtype=np.float64)) for values in (position, rotation, length)]
+        rows = [np.atleast_1d(np.asarray(values, np.float64)) for values in (position, rotation, length)]
         try:
             position, rotation, length = (np.broadcast_to(row, (count, row.shape[-1])) for row in rows)
         except ValueError as error:
@@ -477,7 +477,7 @@ class Validation:
 def pose_errors(campaign: Campaign, parameters: npt.ArrayLike) -> tuple[Numbers, Numbers]:
     """How far the poses that parameters (n, 7) mm give for the campaign's leg readings are from its measured poses, on
     the assembly branch of these: (N,) mm and (N,) rad, nan where they do not converge. InputError for other shapes."""
-    x = np.asarray(parameters, dtype=np.float64)
+    x = np.asarray(parameters, np.float64)
     if x.shape != (campaign.legs, 7) or not np.isfinite(x).all():
         what = f"have the shape {x.shape}, or a number that is not finite"
         raise unusable("parameters", what, f"give ({campaign.legs}, 7) finite numbers, mm")
@@ -496,7 +496,7 @@ def validate(campaign: Campaign, parameters: npt.ArrayLike, *, noise: Noise | No
     each = [pose_errors(campaign, x) for x in (campaign.robot.parameters, parameters)]
     floor = None
     if noise is not None:
-        back = np.linalg.pinv(LegEquations.of(campaign).by_pose(np.asarray(parameters, dtype=np.float64)))
+        back = np.linalg.pinv(LegEquations.of(campaign).by_pose(np.asarray(parameters, np.float64)))
         square = np.einsum("kij,kj->ki", back**2, noise.length**2) + np.diagonal(noise.pose, axis1=1, axis2=2)
         of_place, of_turn = np.sqrt(square.mean(axis=0).reshape(2, 3).sum(axis=1)).tolist()
         floor = of_place, of_turn

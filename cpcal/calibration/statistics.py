@@ -106,7 +106,7 @@ def grouped(configuration: Sequence[Hashable], *, repeated: bool = True) -> tupl
     Raises InputError if none is repeated, where that is asked for.
     """
     number: dict[Hashable, int] = {}
-    group = np.array([number.setdefault(name, len(number)) for name in configuration], dtype=np.int64)
+    group = np.array([number.setdefault(name, len(number)) for name in configuration], np.int64)
     if repeated and len(number) == len(group):
         what = f"holds each of its {len(group)} configurations once"
         remedy = "measure configurations several times: pose repeats, run differs"
@@ -163,7 +163,7 @@ def averaged(
         (of not in ("single", "mean"), "option of", f"has no meaning: {of!r}", "give 'single' or 'mean'"),
         (not 0 < factor < np.inf, "option factor", f"has no meaning: {factor!r}", "give a number > 0"),
     )
-    given = None if sigma is None else np.asarray(sigma, dtype=np.float64)
+    given = None if sigma is None else np.asarray(sigma, np.float64)
     group, names = grouped(campaign.pose, repeated=given is None)
     widths = np.tile(factor * (campaign_deviations(campaign).sigma if given is None else given), (len(names), 1))
     if of == "mean":
@@ -171,7 +171,7 @@ def averaged(
     said = f"{len(group)} readings of {len(names)} configurations; half-widths of "
     said += f"{'single readings' if of == 'single' else 'the means'}: {factor:g} standard deviations"
     if shared is not None:
-        square = group_means(np.asarray(shared, dtype=np.float64) ** 2, group, len(names))
+        square = group_means(np.asarray(shared, np.float64) ** 2, group, len(names))
         widths[:, :6] = np.hypot(widths[:, :6], factor * np.sqrt(square))
         said += "; errors of camera and target that all images share are counted in full"
     largest = widths.max(axis=0) / factor  # what holds for all rows
@@ -314,7 +314,7 @@ class Repeatability(NamedTuple):
 
     def noise(self, repeats: Ints) -> Noise:
         """Of the means of so many repeats (N,): what the calibration equations are off by."""
-        share = 1.0 / np.asarray(repeats, dtype=np.float64)
+        share = 1.0 / np.asarray(repeats, np.float64)
         length = np.sqrt(share)[:, None] * self.noise_sigma[6:]
         return Noise(self.camera * share[:, None, None], length, float(self.spread.freedom))
 
@@ -491,7 +491,7 @@ def study_rows(table: PoseTable, robot: Robot, provenance: Mapping[str, str] | N
             of_runs, group = _run_means(rows, runs)
             legs = scores(campaign_deviations(of_runs))[group][:, 6:]
             screening = screen(spread, np.concatenate([scores(spread)[:, :6], legs], axis=1))
-    keep = np.ones(len(rows), dtype=np.bool_) if screening is None else screening.keep
+    keep = np.ones(len(rows), np.bool_) if screening is None else screening.keep
     good = rows.rows(keep)
     averages, group = _run_means(good, runs[keep])
     shared = None

@@ -406,7 +406,7 @@ def array(shape: Shape, meaning: str = "", *, signed: bool = True, by_leg: bool 
         before, found = len(reader.problems), numbers(value, shape, path[-1], by_leg)
         if len(reader.problems) > before:
             return 0.0
-        values = np.array(found, dtype=np.float64)
+        values = np.array(found, np.float64)
         return values if shape else float(values)
 
     return read

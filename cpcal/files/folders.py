@@ -463,7 +463,7 @@ def load_campaign_json(path: StrPath) -> Campaign:
 def _campaign(data: dict[str, Any]) -> Campaign:
     robot, stated, asked = Robot(**data["robot"]), data["uncertainty"], data["model"]
     rows: list[list[str]] = data["measurements"]
-    numbers = np.array([[float(v) for v in row[2:]] for row in rows], dtype=np.float64).reshape(len(rows), -1)
+    numbers = np.array([[float(v) for v in row[2:]] for row in rows], np.float64).reshape(len(rows), -1)
     if stated is not None and stated["factor"] is not None:
         stated["factor"] = float(stated["factor"])
     campaign = Campaign(

@@ -74,7 +74,7 @@ class HandEyeStudy(Value):
         count, n = len(self.image), len(self.images)
         if self.setup not in SETUPS:
             raise unusable("setup", f"is {self.setup!r}", f"give one of {', '.join(SETUPS)}")
-        places = np.array(self.image, dtype=np.intp)
+        places = np.array(self.image, np.intp)
         places.setflags(write=False)
         width = self.half_width if np.size(self.half_width) else np.zeros(count)
         wide = self.pose_half_width if np.size(self.pose_half_width) else np.zeros((n, 6))
@@ -311,7 +311,7 @@ def _study(
     (images, hand), (names, seen) = poses, points
     return HandEyeStudy(
         setup=setup, camera=camera, images=tuple(images), poses=Pose(hand[:, :3], hand[:, 3:7]),
-        image=np.array(image, dtype=np.intp), names=tuple(names), pixels=seen[:, :2], points=seen[:, 2:5],
+        image=np.array(image, np.intp), names=tuple(names), pixels=seen[:, :2], points=seen[:, 2:5],
         half_width=seen[:, 5], pose_half_width=hand[:, 7:], provenance=provenance,
     )  # fmt: skip
 
@@ -412,8 +412,8 @@ def load_study_json(folder: StrPath) -> HandEyeStudy:
     data = json_object(path, remedy, remedy)
     try:
         camera, images, points = data["camera"], data["images"], data["points"]
-        poses = np.array([row[1:] for row in images], dtype=np.float64).reshape(-1, 13)
-        numbers = np.array([row[2:] for row in points], dtype=np.float64).reshape(-1, 8)
+        poses = np.array([row[1:] for row in images], np.float64).reshape(-1, 13)
+        numbers = np.array([row[2:] for row in points], np.float64).reshape(-1, 8)
         width, height = camera["size"]
         focal, center, distortion = (np.array(camera[key], np.float64) for key in ("focal", "center", "distortion"))
         return _study(

@@ -277,7 +277,7 @@ def _motion(turn: Any, place: Any) -> tuple[Floats, Floats]:
 
 
 def _numbers(values: Any, *shape: int) -> Floats:
-    found = np.array(values, dtype=np.float64).reshape(shape)
+    found = np.array(values, np.float64).reshape(shape)
     if not (np.abs(found) < _FARTHEST).all():  # NaN is not
         raise OverflowError
     return found

@@ -105,7 +105,7 @@ class LegModel:
     @property
     def half_widths(self) -> npt.NDArray[np.float64]:
         """Of the extra parameters, in their units."""
-        return np.array([p.half_width for p in self.extra], dtype=np.float64)
+        return np.array([p.half_width for p in self.extra], np.float64)
 
     def equation(self, measured: Measured, offset: Expr, extra: Parameters) -> Expr:
         """g (N,) in mm; `offset` is l."""
@@ -464,7 +464,7 @@ def of_measurements(network: ConstraintNetwork, only: Sequence[int] | None) -> C
     """The equations of some measurements of a leg, numbers from 0; None: all."""
     if only is None:
         return network
-    return restricted(network, [np.array(only, dtype=np.intp)] * len(network.constraints))
+    return restricted(network, [np.array(only, np.intp)] * len(network.constraints))
 
 
 def model_statement(
@@ -541,7 +541,7 @@ def fit_model(
     nominal = campaign.robot.parameters[leg - 1]
     of_plain = least_squares(plain.values, plain.jacobian, nominal, tolerance=_TOLERANCE)
     start = np.append(of_plain.at, np.zeros(len(model.extra)))
-    free = np.append(np.ones(7, dtype=bool), model.half_widths > 0.0)
+    free = np.append(np.ones(7, bool), model.half_widths > 0.0)
     if weight is None and free.sum() == 7:
         return start
     of = ModelResiduals(campaign, leg, model) if known is None else known

@@ -333,7 +333,7 @@ def _crossed(x: Floats, y: Floats) -> Floats:
 
 def proved_sizes(image: Callable[[Floats], Floats], value: Floats, good: Bools) -> tuple[Floats, Bools]:
     """Sizes of Y (K, n) of which it is proved that |value| + image(Y) lies inside, and where."""
-    size, proved = value, np.zeros(len(good), dtype=bool)
+    size, proved = value, np.zeros(len(good), bool)
     for _ in range(_TRIES):
         grown = np.where(proved[:, None], size, _INFLATE * (value + image(size)) + 1e-9)
         size = np.where(np.isfinite(grown), grown, size)

@@ -75,7 +75,7 @@ class PixelBoxes:
     of_images: bool = False
 
     def __post_init__(self) -> None:
-        numbers = np.array(self.numbers, dtype=np.intp)
+        numbers = np.array(self.numbers, np.intp)
         numbers.setflags(write=False)
         fill(self, numbers=numbers, lo=frozen_array(self.lo), hi=frozen_array(self.hi))
         if numbers.ndim != 1 or {self.lo.shape, self.hi.shape} != {(len(numbers), 2)}:
@@ -93,16 +93,16 @@ class PixelBoxes:
         cls, numbers: npt.ArrayLike, centers: npt.ArrayLike, half_width: npt.ArrayLike, *, of_images: bool = False
     ) -> PixelBoxes:
         """`center +- half_width`, pixels: centers (m, 2), half_width a number, (2,), (m, 1) or (m, 2), >= 0."""
-        middle = np.asarray(centers, dtype=np.float64)
+        middle = np.asarray(centers, np.float64)
         try:
-            radius = np.broadcast_to(np.asarray(half_width, dtype=np.float64), middle.shape)
+            radius = np.broadcast_to(np.asarray(half_width, np.float64), middle.shape)
         except ValueError:
             what = f"is {np.shape(half_width)} for centres {middle.shape}"
             raise unusable("half_width", what, "give one number, or one for each coordinate") from None
         if not bool((radius >= 0.0).all()):
             raise unusable("half_width", "is negative or NaN", "give pixels >= 0")
         boxes = IntervalArray.around(middle, radius)
-        return cls(np.asarray(numbers, dtype=np.intp), boxes.lo, boxes.hi, of_images)
+        return cls(np.asarray(numbers, np.intp), boxes.lo, boxes.hi, of_images)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +137,7 @@ class CameraSet(Value):
         A factor of 5 holds the truth of a calibration with honest covariance in 99.7 % of all cases (chi-square, nine
         degrees of freedom: 5.0 is the root of 25.3). Raises InputError.
         """
-        matrix = np.asarray(covariance, dtype=np.float64)
+        matrix = np.asarray(covariance, np.float64)
         if matrix.shape != (_COUNT, _COUNT) or not np.isfinite(matrix).all() or not 0.0 < factor < np.inf:
             remedy = "give (9, 9), as `cpcal image camera IMAGES` writes it, and a factor > 0"
             raise unusable("camera covariance", f"has the shape {matrix.shape}, factor {factor}", remedy)
@@ -163,7 +163,7 @@ class TargetSet(Value):
     scale: float = 0.0
 
     def __post_init__(self) -> None:
-        widths = np.asarray(self.half_widths, dtype=np.float64)
+        widths = np.asarray(self.half_widths, np.float64)
         if widths.shape not in ((), (3,)) or not (np.isfinite(widths) & (widths >= 0.0)).all():
             raise unusable("target half-widths", f"are {self.half_widths}", "give one number or (3,), mm >= 0")
         if not 0.0 <= self.scale <= LARGEST_SCALE:
@@ -247,7 +247,7 @@ def _field_radius(cameras: CameraSet) -> float:
 
 def _hex(values: npt.ArrayLike) -> Any:
     """Floats as texts, in lists as in the array."""
-    array = np.asarray(values, dtype=np.float64)
+    array = np.asarray(values, np.float64)
     return [_hex(part) for part in array] if array.ndim else float(array).hex()
 
 

@@ -58,7 +58,7 @@ RESERVED = (*FUNCTIONS, "sum")
 
 
 def array_of(values: list[Any], shape: tuple[int, ...]) -> Array:
-    out = np.empty(len(values), dtype=object)
+    out = np.empty(len(values), object)
     out[:] = values
     return out.reshape(shape)
 
@@ -201,7 +201,7 @@ def interval_of(value: Value) -> Interval:
 def _boxed(value: Value) -> Array:
     if isinstance(value, np.ndarray):
         return value
-    out = np.empty((), dtype=object)
+    out = np.empty((), object)
     out[()] = value
     return out
 

@@ -418,7 +418,7 @@ def measured_poses(campaign: Campaign) -> NamedPoses:
 
 
 def _mean_orientation(campaign: Campaign) -> Floats:
-    return np.asarray(mean_rotations(campaign.quaternion, np.zeros(len(campaign), dtype=np.int64), 1)[0])
+    return np.asarray(mean_rotations(campaign.quaternion, np.zeros(len(campaign), np.int64), 1)[0])
 
 
 def held_coordinates(campaign: Campaign) -> tuple[int, ...]:

@@ -31,7 +31,7 @@ def determination(campaign: Campaign, leg: int, x: Floats, model: LegModel) -> D
     columns = jacobian / np.where(rms > 0.0, rms, 1.0) / np.sqrt(len(jacobian))
     few = len(columns) < columns.shape[1]
     _, values, right = np.linalg.svd(columns, full_matrices=few)  # of many rows the left side alone fills the memory
-    seen = np.zeros(len(right), dtype=bool)
+    seen = np.zeros(len(right), bool)
     seen[: len(values)] = values > _SEEN
     hidden = np.linalg.norm(right[~seen], axis=0)
     lost = tuple(name for name, share in zip(model.parameters, hidden, strict=True) if share > _OPEN)
@@ -56,7 +56,7 @@ def odd_rows(campaign: Campaign, x: Floats) -> list[str]:
         return []
     legs = range(1, campaign.legs + 1)
     residuals = LegEquations.of(campaign, list(legs)).values(x)
-    far = np.zeros(residuals.shape, dtype=np.bool_)
+    far = np.zeros(residuals.shape, np.bool_)
     for leg in legs:
         allowed, off = reading_moves(campaign, leg, x[leg - 1]).sum(axis=1), np.abs(residuals[:, leg - 1])
         unit = allowed if (allowed > 0.0).all() else np.ones_like(allowed)

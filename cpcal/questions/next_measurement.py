@@ -292,7 +292,7 @@ def _view(study: HandEyeStudy, frames: HandEyeFrames, pose: Sequence[float]) -> 
         study,
         images=("next",),
         poses=Pose(values[None, :3], values[None, 3:]),
-        image=np.zeros(len(points), dtype=np.intp),
+        image=np.zeros(len(points), np.intp),
         names=tuple(study.names[k] for k in first),
         pixels=np.zeros((len(points), 2)),
         points=points,

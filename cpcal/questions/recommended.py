@@ -70,7 +70,7 @@ class _Leg:
         campaign, model = question.campaign, question.model
         self._question, self._leg, self._network = question, leg, network
         self._residuals = ModelResiduals(campaign, leg, model)
-        self._mine = np.arange(len(campaign)) if only is None else np.array(only, dtype=np.intp)
+        self._mine = np.arange(len(campaign)) if only is None else np.array(only, np.intp)
         self._known: dict[bytes, AllReadings] = {}
         self._statement = leg_statement(campaign, leg, only, model.name) if built_in(model) else None
         self._readings = [part[self._mine] for part in leg_readings(campaign, leg)]

@@ -108,7 +108,7 @@ class Plot:
         """Data (n, 2) in points."""
         left, top, right, bottom = self.frame
         start, end = np.array([self.x, self.y]).T
-        share = (np.asarray(points, dtype=np.float64).reshape(-1, 2) - start) / (end - start)
+        share = (np.asarray(points, np.float64).reshape(-1, 2) - start) / (end - start)
         return np.asarray(np.array([left, bottom]) + share * np.array([right - left, top - bottom]))
 
     def area(self, fill: str, polygon: npt.ArrayLike, edge: str = "none", width: float = 0.8, dash: str = "") -> None:
@@ -133,7 +133,7 @@ class Plot:
             track = "".join(f"M{_n(x)} {_n(y)}h0" for x, y in places.tolist())
             self._path(track, f"{colour}; stroke-linecap: round", size)
         else:
-            lines = [np.array(line, dtype=np.float64) for line in _SHAPES[shape]]
+            lines = [np.array(line, np.float64) for line in _SHAPES[shape]]
             self._path("".join(_track(place + 0.5 * size * line) for place in places for line in lines), colour, width)
 
     def hover(self, points: npt.ArrayLike, texts: Sequence[str]) -> None:

@@ -373,7 +373,7 @@ def residuals_drawing(
     """The residuals of the recommended parameters, with bars for their reading sets, and the band of the tolerance;
     without a tolerance that of their error."""
     best, at = leg.recommended, leg.recommended.point
-    count, chosen = len(campaign), np.zeros(len(campaign), dtype=bool)
+    count, chosen = len(campaign), np.zeros(len(campaign), bool)
     chosen[list(wrong)] = True
     residual, room = model_residuals(campaign, leg.leg, at, model), reading_moves(campaign, leg.leg, at).sum(axis=1)
     least = best.largest

@@ -44,7 +44,7 @@ def rotation_numerators(quaternion: Iterable[Any]) -> tuple[list[list[Any]], Any
 
 def rotation_matrix(quaternion: npt.ArrayLike) -> Floats:
     """R(q), (..., 4) -> (..., 3, 3): the rotation of any non-zero quaternion, without a square root."""
-    q = np.asarray(quaternion, dtype=np.float64)
+    q = np.asarray(quaternion, np.float64)
     entries, norm_squared = rotation_numerators(np.moveaxis(q, -1, 0))
     matrix = np.stack([np.stack(row, axis=-1) for row in entries], axis=-2)
     return np.asarray(matrix / norm_squared[..., None, None])
@@ -52,7 +52,7 @@ def rotation_matrix(quaternion: npt.ArrayLike) -> Floats:
 
 def quaternion_product(left: npt.ArrayLike, right: npt.ArrayLike) -> Floats:
     """The Hamilton product, (..., 4) x (..., 4) -> (..., 4): R(left * right) = R(left) R(right)."""
-    p, q = np.asarray(left, dtype=np.float64), np.asarray(right, dtype=np.float64)
+    p, q = np.asarray(left, np.float64), np.asarray(right, np.float64)
     scalar = p[..., 0] * q[..., 0] - np.sum(p[..., 1:] * q[..., 1:], axis=-1)
     vector = p[..., :1] * q[..., 1:] + q[..., :1] * p[..., 1:] + np.cross(p[..., 1:], q[..., 1:])
     return np.concatenate([scalar[..., None], vector], axis=-1)
@@ -60,7 +60,7 @@ def quaternion_product(left: npt.ArrayLike, right: npt.ArrayLike) -> Floats:
 
 def quaternion_conjugate(quaternion: npt.ArrayLike) -> Floats:
     """(w, -x, -y, -z), (..., 4) -> (..., 4): the inverse rotation."""
-    q = np.asarray(quaternion, dtype=np.float64)
+    q = np.asarray(quaternion, np.float64)
     return np.concatenate([q[..., :1], -q[..., 1:]], axis=-1)
 
 
@@ -71,7 +71,7 @@ def turn_between(one: npt.ArrayLike, other: npt.ArrayLike) -> Floats:
 
 def normalised(quaternion: npt.ArrayLike) -> Floats:
     """The unit quaternion of the same rotation with a scalar part >= 0, (..., 4) -> (..., 4)."""
-    q = np.asarray(quaternion, dtype=np.float64)
+    q = np.asarray(quaternion, np.float64)
     sign = np.where(q[..., :1] < 0, -1.0, 1.0)
     return np.asarray(q * sign / np.linalg.norm(q, axis=-1, keepdims=True))
 
@@ -82,13 +82,13 @@ def small_rotation(vector: npt.ArrayLike) -> Floats:
     This is how the reading sets write a rotation error (DESIGN section 1): its inverse is exactly (1, -s),
     and 2 s is the rotation vector up to a relative error of angle^2 / 12.
     """
-    s = 0.5 * np.asarray(vector, dtype=np.float64)
+    s = 0.5 * np.asarray(vector, np.float64)
     return np.concatenate([np.ones((*s.shape[:-1], 1)), s], axis=-1)
 
 
 def quaternion_from_rotation_vector(vector: npt.ArrayLike) -> Floats:
     """The unit quaternion that turns by |vector| rad about it, (..., 3) -> (..., 4)."""
-    v = np.asarray(vector, dtype=np.float64)
+    v = np.asarray(vector, np.float64)
     half = 0.5 * np.linalg.norm(v, axis=-1, keepdims=True)
     return np.concatenate([np.cos(half), 0.5 * v * np.sinc(half / np.pi)], axis=-1)
 
@@ -104,7 +104,7 @@ def quaternion_from_matrix(matrix: npt.ArrayLike) -> Floats:
     """The unit quaternion (scalar part >= 0) of a rotation matrix, (..., 3, 3) -> (..., 4)."""
     from scipy.spatial.transform import Rotation  # here: it takes a while to load
 
-    given = np.asarray(matrix, dtype=np.float64)
+    given = np.asarray(matrix, np.float64)
     found = Rotation.from_matrix(given.reshape(-1, 3, 3), assume_valid=True).as_quat(scalar_first=True)
     return normalised(found.reshape(*given.shape[:-2], 4))
 
@@ -177,7 +177,7 @@ def central_pose(robot: Robot, readings: npt.ArrayLike, side: float = 1.0) -> Po
 
     It fixes the assembly branch of whatever is continued from it.
     """
-    lengths = robot.offset + np.asarray(readings, dtype=np.float64)
+    lengths = robot.offset + np.asarray(readings, np.float64)
     centre = robot.base.mean(axis=0) - robot.mobile.mean(axis=0)
     reach = robot.mobile + centre - robot.base
     height = np.sqrt(max(float(np.mean(lengths**2 - np.sum(reach**2, axis=1))), float(np.mean(lengths)) ** 2 / 100))
@@ -193,7 +193,7 @@ def forward_kinematics(robot: Robot, readings: npt.ArrayLike, guess: Pose) -> Po
     pose, converged = forward_poses(robot, readings, guess)
     if converged.all():
         return pose
-    rows = np.asarray(readings, dtype=np.float64).reshape(-1, robot.legs)
+    rows = np.asarray(readings, np.float64).reshape(-1, robot.legs)
     message = f"no pose found for {np.sum(~converged)} of {len(rows)} rows of readings"
     raise unreached(message, rows, converged.ravel(), "give a guess nearer to it, or check the robot's parameters")
 
@@ -210,7 +210,7 @@ def forward_poses(robot: Robot, readings: npt.ArrayLike, guess: Pose) -> tuple[P
     """
     if robot.legs < 6:
         raise KinematicsError(f"{robot.legs} legs do not determine a pose: forward kinematics needs at least 6")
-    asked = np.asarray(readings, dtype=np.float64)
+    asked = np.asarray(readings, np.float64)
     if asked.ndim == 0 or asked.shape[-1] != robot.legs or not np.isfinite(asked).all():
         raise KinematicsError(f"readings of shape {asked.shape}: expected finite numbers, (..., {robot.legs})")
     shape, target = asked.shape[:-1], asked.reshape(-1, robot.legs)
@@ -252,7 +252,7 @@ def newton(robot: Robot, gaps: Callable[[Pose], Floats], pose: Pose, accuracy: n
     longest = 0.3 * np.mean(np.linalg.norm(leg_vectors(robot, pose), axis=-1), axis=-1)  # mm, of a step
     arm = 1.0 + float(np.max(np.linalg.norm(robot.mobile, axis=1)))  # mm/rad
     scale = np.repeat([1.0, arm], 3)
-    converged = np.zeros(len(longest), dtype=np.bool_)
+    converged = np.zeros(len(longest), np.bool_)
     for _ in range(_ITERATIONS):
         gap = gaps(pose)
         step = np.einsum("kij,kj->ki", np.linalg.pinv(pose_jacobian(robot, pose) / scale), gap)
@@ -288,7 +288,7 @@ def inverse(pose: Pose) -> Pose:
 
 def transformed(pose: Pose, points: npt.ArrayLike) -> Floats:
     """P + R x for points (..., n, 3) mm: coordinates in the pose's own frame become those in its reference."""
-    turned = np.einsum("...ij,...nj->...ni", pose.rotation, np.asarray(points, dtype=np.float64))
+    turned = np.einsum("...ij,...nj->...ni", pose.rotation, np.asarray(points, np.float64))
     return np.asarray(pose.position[..., None, :] + turned)
 
 
@@ -318,7 +318,7 @@ _LOST = 1.0  # spread of the rotations over the rms rotation residual: below it,
 
 def cross_matrix(vector: npt.ArrayLike) -> Floats:
     """The matrix of v -> vector x v, (..., 3) -> (..., 3, 3)."""
-    v = np.asarray(vector, dtype=np.float64)
+    v = np.asarray(vector, np.float64)
     return np.cross(v[..., None, :], np.eye(3)).swapaxes(-1, -2)
 
 

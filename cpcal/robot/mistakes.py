@@ -206,7 +206,7 @@ def radians_as_degrees(given: Given) -> Variants:
     for form in _TAKEN:
         angles = _angles(form, given.pose.quaternion)
         for axis in (None, *range(3)) if form != _VECTOR else (None,):
-            wrong = np.ones(3, dtype=bool) if axis is None else np.arange(3) == axis
+            wrong = np.ones(3, bool) if axis is None else np.arange(3) == axis
             turned = _quaternion(form, np.where(wrong, _DEGREES * angles, angles))
             said = name if axis is None else f"{name}: the one about {form[axis].lower()} alone"
             yield said, given.posed(given.pose.position, turned)

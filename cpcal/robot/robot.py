@@ -16,7 +16,7 @@ from cpcal.common.values import LARGEST, Bools, Floats, Value, freeze
 
 def good_numbers(values: npt.ArrayLike, least: float = -LARGEST) -> Bools:
     """Which numbers are finite and of a size that makes sense in mm; of half-widths none below `least` = 0."""
-    array = np.asarray(values, dtype=np.float64)
+    array = np.asarray(values, np.float64)
     return (array >= least) & (array <= LARGEST)
 
 
@@ -69,7 +69,7 @@ class Robot(Value):
     @classmethod
     def from_parameters(cls, name: str, parameters: npt.ArrayLike) -> Robot:
         """The robot of an (n, 7) array of rows `a_x a_y a_z b_x b_y b_z l`, mm."""
-        rows = np.asarray(parameters, dtype=np.float64)
+        rows = np.asarray(parameters, np.float64)
         if rows.ndim != 2 or rows.shape[1] != 7:
             what = f"have the shape {rows.shape}"
             raise unusable("robot parameters", what, "give one row of 7 numbers a leg")

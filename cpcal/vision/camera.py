@@ -204,7 +204,7 @@ class Camera(Value):
 
     def project(self, points: npt.ArrayLike) -> Floats:
         """Pixels (..., 2) of points (..., 3) mm in the camera frame, Z > 0."""
-        p = np.asarray(points, dtype=np.float64)
+        p = np.asarray(points, np.float64)
         return self.pixels(p[..., :2] / p[..., 2:])
 
     def pixels(self, normalised: npt.ArrayLike) -> Floats:
@@ -213,14 +213,14 @@ class Camera(Value):
 
     def jets(self, normalised: npt.ArrayLike) -> Floats:
         """d with its derivatives up to the second, (..., 2) -> (..., JET), see `jet`."""
-        points = np.array(normalised, dtype=np.float64, order="C")
+        points = np.array(normalised, np.float64, order="C")
         out = np.empty((*points.shape[:-1], JET))
         jets(self.packed[4:], points.reshape(-1, 2), out.reshape(-1, JET))
         return out
 
     def normalised(self, pixels: npt.ArrayLike) -> Floats:
         """The directions (..., 2) that pixels (..., 2) show, by Newton's method; nan where there is none nearby."""
-        wanted = np.ascontiguousarray((np.asarray(pixels, dtype=np.float64) - self.center) / self.focal)
+        wanted = np.ascontiguousarray((np.asarray(pixels, np.float64) - self.center) / self.focal)
         found = np.empty(wanted.shape)
         unbent(self.packed[4:], wanted.reshape(-1, 2), found.reshape(-1, 2))
         return found

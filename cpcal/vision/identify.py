@@ -94,7 +94,7 @@ def view_of(camera: Camera, pixels: Floats, off: float = _EXACT) -> View:
 
 def _guesses(size: tuple[int, int]) -> list[Camera]:
     """Cameras of an image's size (width, height): ordinary lenses, a little distorted, then more and more."""
-    half = 0.5 * (np.array(size, dtype=np.float64) - 1.0)
+    half = 0.5 * (np.array(size, np.float64) - 1.0)
     radius = float(np.linalg.norm(half))
     outwards = [Camera(*size, np.full(2, radius), half, np.array([bend, 0, 0, 0, 0])) for bend in _BENDS]
     inwards = [Camera(*size, np.full(2, radius / angle), half, np.zeros(4), "fisheye") for angle in _ANGLES]
@@ -103,7 +103,7 @@ def _guesses(size: tuple[int, int]) -> list[Camera]:
 
 def pairs(view: View, predicted: Floats, reach: float) -> tuple[Ints, Ints]:
     """Found dots and predicted ones (n, 2) that are each other's nearest, within `reach`."""
-    nearest = np.empty(len(predicted), dtype=np.int64)
+    nearest = np.empty(len(predicted), np.int64)
     mutually_nearest(view.points, predicted, reach, nearest)
     numbers = np.flatnonzero(nearest >= 0)
     return nearest[numbers], numbers
@@ -160,7 +160,7 @@ def lattices(points: Floats, off: float = _OFF) -> Iterator[Lattice]:
     apart = np.linalg.norm(arms[:, :, None] + arms[:, None], axis=3) / np.maximum(length, 1e-300)[:, :, None]
     apart[:, *np.tril_indices(count - 1)] = np.inf
     opposite, best = apart.argmin(axis=2), apart.min(axis=2)  # of each arm the one that is most nearly opposite
-    anchors, taken = np.argsort(np.sort(best, axis=1)[:, 1]), np.zeros(len(points), dtype=bool)
+    anchors, taken = np.argsort(np.sort(best, axis=1)[:, 1]), np.zeros(len(points), bool)
     for _ in range(min(_ANCHORS, len(points))):
         first = int(taken[anchors].argmin())  # none that a lattice has, as long as there are others
         anchor, anchors = anchors[first], np.delete(anchors, first)
@@ -179,7 +179,7 @@ def lattices(points: Floats, off: float = _OFF) -> Iterator[Lattice]:
 def _grown_lattice(points: Floats, columns: Floats, off: float) -> Lattice | None:
     """What begins with two steps from a place, (2, 3), over more and more of the points."""
     homography, nodes = np.concatenate([columns, [[0.0, 0.0, 1.0]]]), np.zeros((0, 2))
-    on = np.zeros(len(points), dtype=bool)
+    on = np.zeros(len(points), bool)
     for ring in _RINGS:
         with np.errstate(all="ignore"):
             at = mapped(np.linalg.inv(homography), points)
@@ -389,7 +389,7 @@ def best_rival(view: View, target: Target, fit: Hypothesis, margin: int, *, mirr
     least is told of them."""
     maps = self_maps(target)
     rival = ~maps.exact & (mirrored | ~maps.mirrored)
-    seen = np.zeros(len(target.dots), dtype=bool)
+    seen = np.zeros(len(target.dots), bool)
     seen[fit.numbers] = True
     false = len(view.points) - len(fit.found)
     unexplained = (seen & (maps.image < 0)).sum(axis=1) - false  # at least: false dots may become true ones
@@ -474,7 +474,7 @@ def identify(
 
     Raises Unidentified with the reason. Centres that are not finite count as false dots.
     """
-    pixels = np.asarray(centers, dtype=np.float64).reshape(-1, 2)
+    pixels = np.asarray(centers, np.float64).reshape(-1, 2)
     usable = np.flatnonzero(np.isfinite(pixels).all(axis=1))
     _check_count(len(usable), target)
     best, reason = None, "no grid of the target was recognised among the dots"

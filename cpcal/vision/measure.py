@@ -57,7 +57,7 @@ class MeasuredImage:
     @property
     def numbers(self) -> Indices:
         """(m,) of the target's dots that the pose rests on."""
-        return np.asarray(self.identification.numbers[~self.estimate.outliers], dtype=np.intp)
+        return np.asarray(self.identification.numbers[~self.estimate.outliers], np.intp)
 
     @property
     def centers(self) -> Floats:
@@ -163,14 +163,14 @@ def board_points(image: object, target: Target) -> tuple[Dots, Identification]:
         raise Unidentified(f"the board {target.board} {why}")
     covariance = np.tile(DEVIATION[board.kind] ** 2 * np.eye(2), (len(centers), 1, 1))
     unseen = np.setdiff1d(np.arange(len(target.dots)), numbers)
-    found = Identification(np.arange(len(numbers)), numbers, np.zeros(0, dtype=np.int64), unseen, margin=len(numbers))
+    found = Identification(np.arange(len(numbers)), numbers, np.zeros(0, np.int64), unseen, margin=len(numbers))
     return replace(nothing(False), centers=centers, covariance=covariance), found
 
 
 def _chessboard(grey: Any, board: Board) -> tuple[Floats, Ints]:
     cv2 = opencv()
     found, corners = cv2.findChessboardCornersSB(grey, (board.columns, board.rows), flags=cv2.CALIB_CB_ACCURACY)
-    centers = np.asarray(corners, dtype=np.float64).reshape(-1, 2) if found else np.zeros((0, 2))
+    centers = np.asarray(corners, np.float64).reshape(-1, 2) if found else np.zeros((0, 2))
     return centers, np.arange(len(centers))
 
 
@@ -185,8 +185,8 @@ def _coded(grey: Any, board: Board) -> tuple[Floats, Ints]:
         parameters.cornerRefinementMethod = aruco.CORNER_REFINE_SUBPIX
         corners, ids, _ = aruco.ArucoDetector(dictionary, parameters).detectMarkers(grey)
     if ids is None or not len(ids):
-        return np.zeros((0, 2)), np.zeros(0, dtype=np.int64)
-    ids, centers = np.asarray(ids, dtype=np.int64).ravel(), np.asarray(corners, dtype=np.float64).reshape(-1, 2)
+        return np.zeros((0, 2)), np.zeros(0, np.int64)
+    ids, centers = np.asarray(ids, np.int64).ravel(), np.asarray(corners, np.float64).reshape(-1, 2)
     if board.kind == "charuco":
         return centers, ids
     mine = np.repeat(ids < board.columns * board.rows, 4)

@@ -364,7 +364,7 @@ def _screened(model: Pixels, pose: Pose) -> tuple[Bools, PoseFit, Floats]:
     Too far is beyond the level that one good dot exceeds in a hundred images; where the residuals are larger than the
     covariances say, their own median is the measure.
     """
-    used = np.ones(len(model.dots), dtype=bool)
+    used = np.ones(len(model.dots), bool)
     cut = 2.0 * np.log(len(used) / OUTLIER)
     while True:
         found = fit(model.only(used), pose)

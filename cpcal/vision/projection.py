@@ -127,7 +127,7 @@ def centers_by_pose(dots: Floats, radius: float, camera: Floats, pose: Pose) -> 
     """`predicted_centers` of dots (n, 2) mm by a packed camera, and their derivatives (..., n, 2, 6) by position (mm)
     and by the rotation vector w (rad) in the camera frame: R becomes R(w) R."""
     # not read-only, for which would be compiled once more
-    places, dots = np.array(pose.position).reshape(-1, 3), np.array(dots, dtype=np.float64)
+    places, dots = np.array(pose.position).reshape(-1, 3), np.array(dots, np.float64)
     shape = *np.shape(pose.position)[:-1], len(dots), 2
     centers, by_pose = np.empty((len(places), len(dots), 2)), np.empty((len(places), len(dots), 2, 6))
     placed_centers(dots, radius, camera, pose.rotation.reshape(-1, 3, 3), places, centers, by_pose)

@@ -77,7 +77,7 @@ def exposed(share: Single, scene: Scene, *, bright: bool = True, seed: int) -> G
         x = np.linspace(-0.5, 0.5, width, dtype=np.float32)
         y = np.linspace(-0.5, 0.5, height, dtype=np.float32)
         light = 1.0 + np.float32(scene.gradient[0]) * x + np.float32(scene.gradient[1]) * y[:, None]
-        growth = (scene.blur**2 + 1.0 / 12.0) * np.array(scene.gradient, dtype=np.float32) / (width, height)
+        growth = (scene.blur**2 + 1.0 / 12.0) * np.array(scene.gradient, np.float32) / (width, height)
         down, right = np.gradient(grey)
         grey = (light * grey + growth[0] * right + growth[1] * down).astype(np.float32)
     if scene.noise > 0.0:
@@ -104,7 +104,7 @@ def _covered(target: Target, camera: Camera, pose: Pose, blur: float, hidden: tu
     margin = int(np.ceil(_REACH * blur)) + 1
     low, high = edge.min(axis=1), edge.max(axis=1)
     seen = ((high > -margin) & (low < [camera.width + margin, camera.height + margin])).all(axis=1)
-    image = np.zeros((camera.height, camera.width), dtype=np.float32)
+    image = np.zeros((camera.height, camera.width), np.float32)
     if not seen.any():
         return image
     edge, low, high = edge[seen], low[seen], high[seen]
@@ -124,7 +124,7 @@ def _covered(target: Target, camera: Camera, pose: Pose, blur: float, hidden: tu
 
 def _fine_share(edge: Floats, size: int) -> Single:
     """The share of each fine pixel inside convex contours (m, points, 2), in pixels of patches: (m, fine, fine)."""
-    out = np.empty((len(edge), size * _FINE, size * _FINE), dtype=np.float32)
+    out = np.empty((len(edge), size * _FINE, size * _FINE), np.float32)
     sides = np.arange(size * _FINE + 1) / _FINE - 0.5  # a patch's first pixel reaches from -0.5 to 0.5
     nodes, weights = np.polynomial.legendre.leggauss(_LINES)
     for share, points in zip(out, edge, strict=True):
@@ -194,7 +194,7 @@ def _reduced(image: Grey, scale: float) -> Grey8:
     grey = image if image.ndim == 2 else image[..., 1]
     grey = (grey // (257 if grey.dtype == np.uint16 else 1)).astype(np.uint8)
     small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    return np.asarray(cv2.cvtColor(small, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    return np.asarray(cv2.cvtColor(small, cv2.COLOR_GRAY2BGR), np.uint8)
 
 
 def _jpeg(picture: Grey8, text: str) -> bytes:

@@ -92,7 +92,7 @@ def two_diagonals(
     """Dots at signed distances (mm) from the middle along the diagonals y = x and y = -x, and on a square grid
     (`pitch`, up to side / 2 from the middle) wherever no diagonal is nearer than 0.6 of the pitch."""
     turn = np.sqrt(0.5)
-    up, down = np.asarray(first, dtype=np.float64) * turn, np.asarray(second, dtype=np.float64) * turn
+    up, down = np.asarray(first, np.float64) * turn, np.asarray(second, np.float64) * turn
     steps = int(side // pitch) + 1
     ticks = (np.arange(steps) - 0.5 * (steps - 1)) * pitch
     grid = [(x, y) for y, x in itertools.product(ticks, ticks) if min(abs(x - y), abs(x + y)) * turn >= 0.6 * pitch]

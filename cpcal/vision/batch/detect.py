@@ -307,7 +307,7 @@ class Detection:
 def values_of(detections: Iterable[Detection]) -> Floats:
     """(m, 24): the numbers of those that have a pose."""
     rows = [d.values for d in detections if d.found]
-    return np.array(rows, dtype=np.float64).reshape(len(rows), len(NUMBERS))
+    return np.array(rows, np.float64).reshape(len(rows), len(NUMBERS))
 
 
 def detections_bytes(detections: Iterable[Detection]) -> bytes:

@@ -130,7 +130,7 @@ def study_table(detections: Sequence[Detection], readings: Mapping[tuple[str, st
     if not found:
         raise unusable("images", "none shows the target", "see the reasons in the table of poses")
     values = values_of(found)
-    length = np.array([readings[pose, run] for pose, run, _ in ids], dtype=np.float64)
+    length = np.array([readings[pose, run] for pose, run, _ in ids], np.float64)
     poses, runs, images = (tuple(part[k] for part in ids) for k in range(3))
     shared = values[:, SHARED]
     position, quaternion = values[:, POSITION], values[:, QUATERNION]

@@ -60,7 +60,7 @@ def light_growth(grey: Grey, found: Spots, gap: Floats, dim: Floats | float = 0.
     i, j = np.nonzero(np.add.outer(np.arange(degree + 1), np.arange(degree + 1)) <= degree)  # powers of x and y
     of_x, of_y = (np.vander(along, degree + 1, increasing=True) for along in (x, y))
     values = of_x[:, i] * of_y[:, j]
-    coefficients, left, good = np.zeros(len(i)), 0.0, np.ones(len(level), dtype=bool)
+    coefficients, left, good = np.zeros(len(i)), 0.0, np.ones(len(level), bool)
     for _ in range(2):
         some = values[good]
         normal = some.T @ some + 1e-9 * len(some) * np.eye(len(i))  # in case dots lie on few lines
