@@ -123,17 +123,11 @@ def test_missing_files_and_folders(tmp_path):
 @pytest.mark.parametrize(
     "toml",
     [
-        "x = " + "[" * 50_000,
-        "x = " + "[" * 900 + "]" * 900,
-        "x = " + "{a=" * 300 + "1" + "}" * 300,
-        "x = " + "9" * 50_000,
-        "[" + " " * 100_000,
-        "a." * 500_000,
-        "x" * 2**21,
-        "\0",
+        "x = " + "[" * 50_000, "x = " + "[" * 900 + "]" * 900, "x = " + "{a=" * 300 + "1" + "}" * 300,
+        "x = " + "9" * 50_000, "[" + " " * 100_000, "a." * 500_000, "x" * 2**21, "\0",
     ],
     ids=["brackets", "closed brackets", "tables", "digits", "spaces", "dots", "large", "nul"],
-)
+)  # fmt: skip
 def test_malicious_toml_ends(tmp_path, toml):
     start = time.perf_counter()
     assert len(refused(tmp_path, toml=toml)) == 1
