@@ -46,15 +46,6 @@ def test_standard_errors_and_sets_do_not_grow_with_the_robots_scatter(perfect):
     assert "as expected" in restless.x_c_sigma.sentence
 
 
-def test_few_repeats_are_all_taken_as_noise():
-    study = simulate_study(seed=3, runs=1, validation_runs=6, random_poses=4)
-    truth = study.truth
-    robot = redefined(study.robot, inverse(truth.camera), truth.target)
-    found = repeatability(as_campaign(study.validation, robot))
-    assert not found.told
-    assert "too few" in found.sentence
-
-
 def examined(study: Study):
     found = found_of(study)
     return repeat_tests(found, study.calibration.run)

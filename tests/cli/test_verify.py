@@ -113,12 +113,6 @@ def test_a_folder_that_names_many_files_is_refused_before_they_are_read(tmp_path
             among.accepted(name)
 
 
-def test_other_files_are_refused_with_a_campaign_that_is_none(tmp_path, genuine_run):
-    genuine_run("fits", tmp_path)
-    (tmp_path / "run" / "campaign.json").write_text("{}")
-    assert "run: REFUSED, campaign.json: it holds another key than" in done("verify", tmp_path / "run", status=1)
-
-
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal certify --outliers`.
 
