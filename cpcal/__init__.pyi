@@ -29,21 +29,7 @@ from .solver.contract import Contraction, Contractor, Limits, Step, Strategy, Ve
 from .solver.interval import Box, Interval
 from .solver.model import Network, Paving, Solution
 from .solver.network import Constraint, Expr, evaluate, maximum, minimum, norm, sqr, sqrt
-from .solver.network.expression import (
-    acos,
-    asin,
-    atan,
-    atan2,
-    cos,
-    cosh,
-    exp,
-    hypot,
-    log,
-    sin,
-    sinh,
-    tan,
-    tanh,
-)
+from .solver.network.expression import acos, asin, atan, atan2, cos, cosh, exp, hypot, log, sin, sinh, tan, tanh
 
 __all__ = [
     "Accuracy",

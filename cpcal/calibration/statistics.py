@@ -19,14 +19,7 @@ from cpcal.calibration.fit import Noise
 from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import listed
 from cpcal.common.values import Bools, Floats, Ints, frozen_array
-from cpcal.robot import (
-    Campaign,
-    LegEquations,
-    PoseTable,
-    Robot,
-    Uncertainty,
-    turn_between,
-)
+from cpcal.robot import Campaign, LegEquations, PoseTable, Robot, Uncertainty, turn_between
 from cpcal.robot.units import AXES, leg_columns
 
 
@@ -440,7 +433,7 @@ def repeat_tests(found: Repeatability, runs: Sequence[str]) -> Tests:
         groups = [column[spread.group == k] for k in several]
         if len(groups) > 1 and min(np.var(one) for one in groups) > 0.0:
             made[VARIANCES].append((float(stats.bartlett(*groups).pvalue), name))
-    tests, said = sum(map(len, made.values())), list[tuple[bool, str]]()
+    tests, said = sum(map(len, made.values())), []
     for kind, (bad, good, cause) in KINDS.items():
         ordered = sorted((min(1.0, tests * p), name) for p, name in made[kind])
         wrong = [name for p, name in ordered if p < LEVEL]

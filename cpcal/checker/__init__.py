@@ -8,15 +8,7 @@ from .certificate import FORMAT, Accepted, Claims, Point, check
 from .files import POSE_SET_SUFFIX, WORK
 from .leg import ExactCampaign
 from .readers import Refused, Unusable
-from .run import (
-    RESULT_NAME,
-    LegCertificates,
-    LegChecked,
-    RobustChecked,
-    certificates_of,
-    check_run,
-    leg_checks,
-)
+from .run import RESULT_NAME, LegCertificates, LegChecked, RobustChecked, certificates_of, check_run, leg_checks
 
 __all__ = ["FORMAT", "POSE_SET_SUFFIX", "RESULT_NAME", "WORK", "Accepted", "Claims", "LegCertificates"]
 __all__ += ["ExactCampaign", "LegChecked", "Point", "Refused", "RobustChecked", "Unusable"]

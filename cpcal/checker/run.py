@@ -11,20 +11,7 @@ from typing import Any
 from .certificate import Accepted, Certificates, problem_of
 from .files import WORK, Budget, Lines, content, leg_work, parsed
 from .leg import EXTRA, NAME, PARAMETERS, ExactCampaign, check_model
-from .readers import (
-    STRANGE,
-    Json,
-    Refused,
-    Stated,
-    Unusable,
-    compare,
-    exact,
-    finite,
-    reading,
-    reason_of,
-    same,
-    shown,
-)
+from .readers import STRANGE, Json, Refused, Stated, Unusable, compare, exact, finite, reading, reason_of, same, shown
 from .rule import Box, Problem, meeting
 
 RESULT_NAME, INFORMATION = "result.json", "information"

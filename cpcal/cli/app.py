@@ -178,7 +178,7 @@ GROUPS = {
 
 def command(verb: Callable[..., Any]) -> Callable[..., None]:
     """The function that typer makes a command of: options are listed one by one."""
-    hints, groups, listed = get_type_hints(verb), dict[str, Any](), list[inspect.Parameter]()
+    hints, groups, listed = get_type_hints(verb), {}, []
     for key, parameter in inspect.signature(verb).parameters.items():
         declared, types = {key: parameter.default}, hints
         if hasattr(hints[key], "declared"):

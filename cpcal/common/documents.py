@@ -198,14 +198,7 @@ class TomlReader:
         self.sha256 = hashlib.sha256(content).hexdigest()
 
     @classmethod
-    def opened(
-        cls,
-        path: Path,
-        format_: str,
-        sections: Iterable[str],
-        problems: Problems,
-        absent: str,
-    ) -> Self | None:
+    def opened(cls, path: Path, format_: str, sections: Iterable[str], problems: Problems, absent: str) -> Self | None:
         """A reader of a file, its format and the names of its sections checked.
 
         None, with a problem added, where there is no such file (`absent` is the remedy), or it is no TOML.

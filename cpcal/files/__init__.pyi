@@ -10,11 +10,7 @@ from .folders import (
     save_study,
     settings_template,
 )
-from .log import (
-    Log,
-    campaign_of_log,
-    read_log,
-)
+from .log import Log, campaign_of_log, read_log
 
 __all__ = [
     "Log",

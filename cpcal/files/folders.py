@@ -12,33 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common.documents import (
-    KeyPath,
-    Schema,
-    TomlReader,
-    array,
-    csv_table,
-    document,
-    name,
-    whole,
-    written,
-)
+from cpcal.common.documents import KeyPath, Schema, TomlReader, array, csv_table, document, name, whole, written
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import NAME_MAX, StrPath, small_file, write_file, write_folder
 from cpcal.common.values import Floats, fill
 from cpcal.files.tables import Table, read_table
-from cpcal.robot import (
-    EXACT_OR_NOT,
-    ROBOTS,
-    Campaign,
-    ModelChoice,
-    Pose,
-    PoseTable,
-    Robot,
-    Study,
-    Truth,
-    Uncertainty,
-)
+from cpcal.robot import EXACT_OR_NOT, ROBOTS, Campaign, ModelChoice, Pose, PoseTable, Robot, Study, Truth, Uncertainty
 from cpcal.robot.campaign import ARRAYS, QUATERNION_TOLERANCE, quaternion_problem
 from cpcal.robot.robot import KINDS
 from cpcal.robot.units import SHARED_COLUMNS, override_columns, reading_columns

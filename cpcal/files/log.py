@@ -264,7 +264,7 @@ def _table(log: Log, found: Mapping[str, ColumnSource], form: RotationForm) -> T
     line."""
     table, problems, number = Table(), Problems(), NUMBERS[log.decimal]
     for target, source in found.items():
-        place, units, texts = source.place(log.header), units_of(target), list[str]()
+        place, units, texts = source.place(log.header), units_of(target), []
         assert place is not None  # who found it raised otherwise
         if target in ("pose", "run"):
             table.names[target] = [row[place] for row in log.rows]

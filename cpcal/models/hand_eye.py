@@ -317,12 +317,7 @@ def _study(
 
 
 def load_hand_poses(
-    path: StrPath,
-    *,
-    rotation: str | None = None,
-    unit: str = "",
-    base_in_hand: bool = False,
-    names: Sequence[str] = (),
+    path: StrPath, *, rotation: str | None = None, unit: str = "", base_in_hand: bool = False, names: Sequence[str] = ()
 ) -> dict[str, tuple[float, ...]]:
     """By image x, y, z, qw, qx, qy, qz of the hand in the base frame, mm, of a table in any form of `poses_of_log`.
 

@@ -306,7 +306,7 @@ def estimated_half_widths(study: HandEyeStudy) -> tuple[float, float]:
 def image_poses(study: HandEyeStudy) -> tuple[list[int], Pose, float]:
     """Images whose points determine a pose, the target's pose in the camera frame in each, and the deviation of the
     pixels that these leave, px per axis: no robot error enters."""
-    kept, fits, free, exact = [], list[Fit[ReadFrames]](), 0, study.exactly()
+    kept, fits, free, exact = [], [], 0, study.exactly()
     for k, count in enumerate(np.bincount(study.image, minlength=len(study.images)).tolist()):
         if count < _LEAST_POINTS:
             continue

@@ -232,7 +232,7 @@ _SHORTEST = 1e-6  # of a quaternion
 def read_pose_pairs(path: Path, *, setup: Setup = "eye-in-hand", metres: bool = True) -> tuple[Pose, Pose]:
     """Hand in base and target in camera, (n, 3) mm and (n, 4), of a YAML file. Raises InputError."""
     document = yaml_document(path, _REMEDY)
-    scale, names, both = 1000.0 if metres else 1.0, ("", ""), list[list[tuple[Floats, Floats]]]()
+    scale, names, both = 1000.0 if metres else 1.0, ("", ""), []
     try:
         if isinstance(document, dict) and "R_gripper2base" in document:
             for name in ("gripper2base", "target2cam"):

@@ -24,7 +24,7 @@ from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.models import PLAIN, beyond_legs
 from cpcal.models.frames import Tell, exact
-from cpcal.models.leg_set import AskedSet, CertifiedSet, EnclosedLeg, certified_set, enclosed_leg
+from cpcal.models.leg_set import AskedSet, CertifiedSet, certified_set, enclosed_leg
 from cpcal.models.platform import Cells, Workspace, cell_bounds, centered, cover, first_grid, pose_inverse, rotated
 from cpcal.questions.next_measurement import NextPose, Polytope, attained, leg_changes
 from cpcal.questions.next_measurement import next_poses as chosen_next
@@ -252,7 +252,7 @@ def certify_accuracy(
     if not np.isfinite(errors).all():
         what = "leaves no residuals that would suggest a model error"
         raise unusable("run", what, "say what model error to assume: --assume MM")
-    asked, assumed, enclosed = list[AskedSet](), list[AssumedLeg](), list[EnclosedLeg]()
+    asked, assumed, enclosed = [], [], []
     with tempfile.TemporaryDirectory() as draft:
         for k, (leg, only, eps) in enumerate(zip(result.legs, rows, errors, strict=True)):
             say(f"certificate of the set of leg {leg.leg}")
@@ -267,7 +267,7 @@ def certify_accuracy(
             below = leg.bracket.lo if result.options.eps is None else 0.0
             said = assume is not None, below, found[k][1], far[k]
             assumed.append(AssumedLeg(leg.leg, eps, lo, hi, tuple(directions), out, name, *said))
-    at, over, following = list[PoseAccuracy](), None, tuple[NextPose, ...]()
+    at, over, following = [], None, tuple[NextPose, ...]()
     say("certified sets")
     sets = [] if len(enclosed) < campaign.legs else [one for one in map(certified_set, asked) if one is not None]
     if len(sets) == campaign.legs:

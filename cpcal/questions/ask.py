@@ -263,7 +263,7 @@ def compare(
     that contains another one never has a larger eps. `certificates` names a folder, in which each model has one.
     Ctrl-C ends it with what is proved so far. Raises InputError with every problem, PluginError.
     """
-    questions, found = comparison(campaign, models, half_widths, **given), dict[str, Result]()
+    questions, found = comparison(campaign, models, half_widths, **given), {}
     with heard():
         for question in questions:
             name = question.model.name

@@ -420,7 +420,7 @@ def _lower_end(
 ) -> tuple[float, _Refuted]:
     """eps_lo and its proofs, a group each; of all images they begin with what `wide` leaves, or with the box."""
     study, found = prover.study, (0.0, _Refuted())
-    most, tried = eps_hi * (1.0 - 0.9 * gap), list[tuple[float, Sequence[Sequence[int]]]]()
+    most, tried = eps_hi * (1.0 - 0.9 * gap), []
     if wide is None:
         least = min(_least_error(study, group) for group in groups)
         tried = [(share * least, groups) for share in _GROUP_SHARES]

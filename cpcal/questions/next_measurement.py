@@ -157,7 +157,7 @@ def next_poses(
         gain: list[float] = (widths / slacks).max(axis=1).tolist()
         return gain.__getitem__
 
-    out, order = list[NextPose](), greedy(range(len(forms)), count, width)
+    out, order = [], greedy(range(len(forms)), count, width)
     for n, k in enumerate(order, 1):
         expected = float(attained(robot, after(*order[:n]), sets, worst, held).max())
         x, y, z = candidates.position[k].tolist()

@@ -30,7 +30,7 @@ def headline(found: Accuracy) -> str:
     """The first line: mm at the tool."""
     if found.refuted:
         return "Nothing is known of the tool's position: the campaign refutes what is assumed."
-    said, over, proved = list[str](), found.workspace, found.proved_poses
+    said, over, proved = [], found.workspace, found.proved_poses
     if proved:
         u = about(max(pose.u_position for pose in found.poses))
         said.append(f"{at_most(proved[0].position_bound)} mm proved and {u} expected at {len(proved)} poses")
@@ -69,7 +69,7 @@ def sentences(found: Accuracy) -> list[str]:
         box = f"within {stated(found.delta)} mm of the center of the run"
         said = f"REFUTED: the campaign allows no parameters of leg {legs} {box} with so small an error."
         return [f"{said} Nothing is proved."]
-    out, over, proved = list[str](), found.workspace, found.proved_poses
+    out, over, proved = [], found.workspace, found.proved_poses
     far = [error for error in found.legs if error.far > FAR]
     if far:
         poses = sorted((pose for pose in found.poses if pose.far > FAR), key=lambda pose: -pose.far)

@@ -202,7 +202,7 @@ def searched(found: HandEyeResult) -> str:
 def sentences(found: HandEyeResult) -> list[str]:
     """The answer in a few lines."""
     low, high = bracket_text(found.eps_lo, found.eps_hi)
-    said = list[str]()
+    said = []
     one, eps = found.outliers == 1, at_least(found.eps, 4)
     if found.outliers:
         left, which = ", ".join(found.left_out), "one is" if one else f"{found.outliers} are"

@@ -278,7 +278,7 @@ def leg_section(campaign: Campaign, result: Result, leg: LegResult, model: LegMo
 def parameters_section(campaign: Campaign, result: Result, leg: LegResult) -> Section:
     """A row a parameter: what to load, and its range; where none was computed, the enclosure of the optimum."""
     _, bounds, held = _range(result, leg)
-    best, said = leg.recommended, list[Words]()
+    best, said = leg.recommended, []
     if math.isfinite(best.largest):
         known = claimed_by(best.certificate, at_most(best.largest), "recommended.largest", leg, best.largest)
         said = ["Off by ", known, " mm at most for all readings. "]
@@ -407,7 +407,7 @@ def passing(found: Compared) -> dict[int, list[str]]:
 def comparison_section(found: Compared) -> Section:
     """A line a leg: what each model reaches, and at a tolerance the first model that passes. The proved bounds, with a
     row a leg and model, are a part of it; they are rounded to the side on which they stay proved."""
-    items, rows = [], list[Sequence[Words]]()
+    items, rows = [], []
     at = next(iter(found.values())).options.tolerance
     for number, good in passing(found).items():
         each = []

@@ -251,7 +251,7 @@ def calibration(record: CalibrationRecord) -> Iterator[Section]:
     )
     if record.budget is not None:
         yield budgeted(record.budget)
-    figures, said = [], list[str]()
+    figures, said = [], []
     for name, found in (("x_c", record.validation.x_c), ("x_c_sigma", record.validation.x_c_sigma)):
         before, after = found.errors("position")
         figures.append(sorted_svg({ROOM: before, DOT: after}, f"Errors of the validation poses with {name}"))

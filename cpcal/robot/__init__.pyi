@@ -1,10 +1,4 @@
-from .campaign import (
-    Campaign,
-    LegEquations,
-    PoseTable,
-    Study,
-    Truth,
-)
+from .campaign import Campaign, LegEquations, PoseTable, Study, Truth
 from .kinematics import (
     KinematicsError,
     Pose,
@@ -29,19 +23,8 @@ from .kinematics import (
     transformed,
     turn_between,
 )
-from .robot import (
-    DELTALAB,
-    EXACT_OR_NOT,
-    ROBOTS,
-    KnownRobot,
-    PoseRange,
-    Robot,
-    Uncertainty,
-    known_robot,
-)
-from .units import (
-    ModelChoice,
-)
+from .robot import DELTALAB, EXACT_OR_NOT, ROBOTS, KnownRobot, PoseRange, Robot, Uncertainty, known_robot
+from .units import ModelChoice
 
 __all__ = [
     "DELTALAB",

@@ -36,10 +36,7 @@ from cpcal.robot.units import ModelChoice, RotationForm
 
 
 def stated_uncertainty(
-    legs: int,
-    sigmas: Mapping[str, npt.ArrayLike | None],
-    factor: float,
-    uncertainty: Uncertainty | None,
+    legs: int, sigmas: Mapping[str, npt.ArrayLike | None], factor: float, uncertainty: Uncertainty | None
 ) -> Uncertainty | None:
     """The uncertainty that standard deviations state; one number stands for all axes, or all legs."""
     given = {kind: value for kind in KINDS if (value := sigmas[kind]) is not None}
@@ -129,10 +126,7 @@ def provenance_problems(where: str, provenance: Mapping[str, str]) -> Iterator[P
 def quaternion_problem(norm: float) -> tuple[str, str]:
     """What is wrong with a quaternion of that norm, and the remedy."""
     if norm == 0.0:
-        return (
-            "the quaternion is zero, which is no rotation",
-            "give qw,qx,qy,qz of norm 1 (no rotation: 1,0,0,0)",
-        )
+        return ("the quaternion is zero, which is no rotation", "give qw,qx,qy,qz of norm 1 (no rotation: 1,0,0,0)")
     what = f"the quaternion has the norm {norm:.9g}, not 1 (to within {QUATERNION_TOLERANCE:g})"
     return what, "divide it by its norm, and check the order qw,qx,qy,qz"
 
@@ -176,7 +170,7 @@ class Campaign(Value):
     def __post_init__(self) -> None:
         freeze(self, *ARRAYS)
         fill(self, pose=tuple(self.pose), run=tuple(self.run), provenance=frozen_mapping(self.provenance))
-        legs, stated, wrong = self.robot.legs, self.uncertainty, list[Problem]()
+        legs, stated, wrong = self.robot.legs, self.uncertainty, []
         columns = zip(ARRAYS, (3, 4, legs, 3, 3, legs), strict=True)
         every = [(name, (getattr(self, name), width)) for name, width in columns]
         if stated is not None and stated.length.shape != (legs,):

@@ -34,11 +34,7 @@ def rotation_numerators(quaternion: Iterable[Any]) -> tuple[list[list[Any]], Any
     xy, xz, yz, wx, wy, wz = x * y, x * z, y * z, w * x, w * y, w * z
     halves = xy - wz, xz + wy, xy + wz, yz - wx, xz - wy, yz + wx
     r12, r13, r21, r23, r31, r32 = (half + half for half in halves)
-    rows = [
-        [ww + xx - yy - zz, r12, r13],
-        [r21, ww - xx + yy - zz, r23],
-        [r31, r32, ww - xx - yy + zz],
-    ]
+    rows = [[ww + xx - yy - zz, r12, r13], [r21, ww - xx + yy - zz, r23], [r31, r32, ww - xx - yy + zz]]
     return rows, ww + xx + yy + zz
 
 

@@ -637,7 +637,7 @@ def suspicions(campaign: Campaign) -> tuple[str, ...]:
 
 def doubts(campaign: Campaign, seen: Spread) -> tuple[str | None, list[str]]:
     """The sentence on what does not fit, and those on what is stated."""
-    mistake, said = mixed_up(campaign, seen), list[str]()
+    mistake, said = mixed_up(campaign, seen), []
     widest = float(campaign.rotation_radius.max())
     if widest > TURN:
         what = f"Some rotation is known to within {widest:.3g} rad only, which is {np.degrees(widest):.0f} degrees"

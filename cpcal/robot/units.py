@@ -16,11 +16,7 @@ import numpy.typing as npt
 from cpcal.common.errors import YOUR_DATA, Problem, Problems, refuse, shown, unusable
 from cpcal.common.files import NAME_MAX
 from cpcal.common.values import Floats, Value, as_floats, fill, frozen_mapping
-from cpcal.robot.kinematics import (
-    normalised,
-    quaternion_from_matrix,
-    quaternion_from_rotation_vector,
-)
+from cpcal.robot.kinematics import normalised, quaternion_from_matrix, quaternion_from_rotation_vector
 
 LENGTHS = {"mm": Decimal(1), "cm": Decimal(10), "m": Decimal(1000), "um": Decimal("0.001"), "in": Decimal("25.4")}
 NAMES = {"mm": "millimetres", "cm": "centimetres", "m": "metres", "um": "micrometres", "in": "inches"}
@@ -183,7 +179,7 @@ def column_map(text: str | Mapping[str, str], known: Iterable[str]) -> dict[str,
     Raises InputError with every entry that cannot be read.
     """
     whole = text if isinstance(text, str) else ", ".join(f"{target}={source}" for target, source in text.items())
-    problems, found, place = Problems(), dict[str, ColumnSource](), 0
+    problems, found, place = Problems(), {}, 0
     names = list(known)
     while place < len(whole) and not whole[place:].isspace():
         match = _ENTRY.match(whole, place)

@@ -64,7 +64,7 @@ _BOUNDS = {**_WHOLE, **dict.fromkeys(_SIZES, (0, LARGEST)), "gain": (0, 0.99), "
 
 def check_options(options: Mapping[str, Any], rows: Callable[[], int]) -> None:
     """InputError that names every option of a simulation without a meaning, and one of too many `rows`."""
-    stroke, robot, wrong = options["stroke"], options["robot"], dict[str, str]()
+    stroke, robot, wrong = options["stroke"], options["robot"], {}
     for name, value in options.items():
         low, high = _BOUNDS.get(name, (0, 0))
         if name in _BOUNDS and value is not None:

@@ -82,12 +82,7 @@ class Target(Value):
 
 
 def two_diagonals(
-    name: str,
-    first: npt.ArrayLike,
-    second: npt.ArrayLike,
-    side: float,
-    pitch: float,
-    radius: float,
+    name: str, first: npt.ArrayLike, second: npt.ArrayLike, side: float, pitch: float, radius: float
 ) -> Target:
     """Dots at signed distances (mm) from the middle along the diagonals y = x and y = -x, and on a square grid
     (`pitch`, up to side / 2 from the middle) wherever no diagonal is nearer than 0.6 of the pitch."""

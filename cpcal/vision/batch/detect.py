@@ -70,11 +70,7 @@ _LOADS = ("cpcal.vision.batch.detect", "cpcal.solver.numba_begun")
 _CHUNK = 8  # images that a worker is given at a time
 
 
-def in_parallel(
-    work: Callable[[Sequence[str]], T],
-    names: Sequence[str],
-    workers: int | None = None,
-) -> Iterator[T]:
+def in_parallel(work: Callable[[Sequence[str]], T], names: Sequence[str], workers: int | None = None) -> Iterator[T]:
     """`work` on all names, a few at a time, each on one thread, in the order in which it is done; here, too, until the
     first of the processes has begun. `workers`: processes; left out: one a core. 1: none, the work is done here.
 

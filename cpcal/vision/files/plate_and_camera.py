@@ -197,12 +197,7 @@ def _target(reader: TomlReader) -> Target | None:
 # fisheye says so by fisheye_model: 1, as its own calibration sample does. ROS (camera_info): the same with rows, cols
 # and data, and distortion_model: plumb_bob, rational_polynomial, equidistant or fisheye.
 
-_ROS_MODELS = {
-    "plumb_bob": "brown",
-    "rational_polynomial": "rational",
-    "equidistant": "fisheye",
-    "fisheye": "fisheye",
-}
+_ROS_MODELS = {"plumb_bob": "brown", "rational_polynomial": "rational", "equidistant": "fisheye", "fisheye": "fisheye"}
 _REMEDY = "give a file that OpenCV or ROS wrote"
 _HEAD = re.compile(r"\A%YAML:?1\.\d\s*(---)?")  # OpenCV's first line is no YAML
 _SKEW = 1e-9  # of the focal length
