@@ -9,12 +9,11 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import listed
 from cpcal.common.least_squares import least_squares
-from cpcal.common.values import Bools, Floats, freeze
+from cpcal.common.values import ArrayLike, Bools, Floats, floats, freeze
 from cpcal.robot import Campaign, LegEquations, Robot, distances, forward_poses
 
 
@@ -65,12 +64,10 @@ class Noise:
         )
 
     @classmethod
-    def from_sigmas(
-        cls, position: npt.ArrayLike, rotation: npt.ArrayLike, length: npt.ArrayLike, *, count: int
-    ) -> Noise:
+    def from_sigmas(cls, position: ArrayLike, rotation: ArrayLike, length: ArrayLike, *, count: int) -> Noise:
         """Uncorrelated readings: standard deviations of position (mm) and rotation (rad) (3,) or (N, 3), and of
         the leg readings (mm) (n,) or (N, n), for `count` measurements."""
-        rows = [np.atleast_1d(np.asarray(values, np.float64)) for values in (position, rotation, length)]
+        rows = [np.atleast_1d(floats(values)) for values in (position, rotation, length)]
         try:
             position, rotation, length = (np.broadcast_to(row, (count, row.shape[-1])) for row in rows)
         except ValueError as error:
@@ -327,7 +324,7 @@ def fit(
     weighted: bool = False,
     noise: Noise | None = None,
     covariance: Literal["noise", "residuals"] | None = None,
-    start: npt.ArrayLike | None = None,
+    start: ArrayLike | None = None,
     tolerance: float = 1e-10,
 ) -> Fit:
     """The parameters (n, 7) in mm that fit the equations of the `legs` (numbers from 1; all) best.
@@ -474,10 +471,10 @@ class Validation:
         return said + lost
 
 
-def pose_errors(campaign: Campaign, parameters: npt.ArrayLike) -> tuple[Numbers, Numbers]:
+def pose_errors(campaign: Campaign, parameters: ArrayLike) -> tuple[Numbers, Numbers]:
     """How far the poses that parameters (n, 7) mm give for the campaign's leg readings are from its measured poses, on
     the assembly branch of these: (N,) mm and (N,) rad, nan where they do not converge. InputError for other shapes."""
-    x = np.asarray(parameters, np.float64)
+    x = floats(parameters)
     if x.shape != (campaign.legs, 7) or not np.isfinite(x).all():
         what = f"have the shape {x.shape}, or a number that is not finite"
         raise unusable("parameters", what, f"give ({campaign.legs}, 7) finite numbers, mm")
@@ -486,7 +483,7 @@ def pose_errors(campaign: Campaign, parameters: npt.ArrayLike) -> tuple[Numbers,
     return apart, turn
 
 
-def validate(campaign: Campaign, parameters: npt.ArrayLike, *, noise: Noise | None = None) -> Validation:
+def validate(campaign: Campaign, parameters: ArrayLike, *, noise: Noise | None = None) -> Validation:
     """Pose errors on the campaign with `parameters` (n, 7), mm, against those of the nominal ones.
 
     Take a campaign whose poses were not used for calibration; with repeated runs, average it first (`averaged`).
@@ -496,7 +493,7 @@ def validate(campaign: Campaign, parameters: npt.ArrayLike, *, noise: Noise | No
     each = [pose_errors(campaign, x) for x in (campaign.robot.parameters, parameters)]
     floor = None
     if noise is not None:
-        back = np.linalg.pinv(LegEquations.of(campaign).by_pose(np.asarray(parameters, np.float64)))
+        back = np.linalg.pinv(LegEquations.of(campaign).by_pose(floats(parameters)))
         square = np.einsum("kij,kj->ki", back**2, noise.length**2) + np.diagonal(noise.pose, axis1=1, axis2=2)
         of_place, of_turn = np.sqrt(square.mean(axis=0).reshape(2, 3).sum(axis=1)).tolist()
         floor = of_place, of_turn

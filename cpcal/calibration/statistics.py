@@ -18,7 +18,7 @@ import numpy.typing as npt
 from cpcal.calibration.fit import Noise
 from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import listed
-from cpcal.common.values import Bools, Floats, Ints, frozen_array
+from cpcal.common.values import ArrayLike, Bools, Floats, Ints, floats, frozen_array
 from cpcal.robot import Campaign, LegEquations, PoseTable, Robot, Uncertainty, turn_between
 from cpcal.robot.units import AXES, leg_columns
 
@@ -137,8 +137,8 @@ def averaged(
     *,
     of: Of = "single",
     factor: float = 3.0,
-    sigma: npt.ArrayLike | None = None,
-    shared: npt.ArrayLike | None = None,
+    sigma: ArrayLike | None = None,
+    shared: ArrayLike | None = None,
 ) -> Campaign:
     """One measurement for each pose of the campaign: means over its runs, in the order of the poses' first readings.
 
@@ -156,7 +156,7 @@ def averaged(
         (of not in ("single", "mean"), "option of", f"has no meaning: {of!r}", "give 'single' or 'mean'"),
         (not 0 < factor < np.inf, "option factor", f"has no meaning: {factor!r}", "give a number > 0"),
     )
-    given = None if sigma is None else np.asarray(sigma, np.float64)
+    given = None if sigma is None else floats(sigma)
     group, names = grouped(campaign.pose, repeated=given is None)
     widths = np.tile(factor * (campaign_deviations(campaign).sigma if given is None else given), (len(names), 1))
     if of == "mean":
@@ -164,7 +164,7 @@ def averaged(
     said = f"{len(group)} readings of {len(names)} configurations; half-widths of "
     said += f"{'single readings' if of == 'single' else 'the means'}: {factor:g} standard deviations"
     if shared is not None:
-        square = group_means(np.asarray(shared, np.float64) ** 2, group, len(names))
+        square = group_means(floats(shared) ** 2, group, len(names))
         widths[:, :6] = np.hypot(widths[:, :6], factor * np.sqrt(square))
         said += "; errors of camera and target that all images share are counted in full"
     largest = widths.max(axis=0) / factor  # what holds for all rows
@@ -307,7 +307,7 @@ class Repeatability(NamedTuple):
 
     def noise(self, repeats: Ints) -> Noise:
         """Of the means of so many repeats (N,): what the calibration equations are off by."""
-        share = 1.0 / np.asarray(repeats, np.float64)
+        share = 1.0 / floats(repeats)
         length = np.sqrt(share)[:, None] * self.noise_sigma[6:]
         return Noise(self.camera * share[:, None, None], length, float(self.spread.freedom))
 

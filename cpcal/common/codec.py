@@ -60,12 +60,12 @@ class Document(Generic[T]):
         path = Path(folder) / self.name
         data = json_object(path, self.remedy, self.remedy)
         if data.pop("format", None) != self.format:
-            raise unusable(str(path), f"is not of format {self.format}", self.remedy)
+            raise unusable(path, f"is not of format {self.format}", self.remedy)
         try:
             return cast(T, decoded(self.kind, data))
         except (ValueError, CpcalError) as error:
             reason = error.problems[0].what if isinstance(error, InputError) else error
-            raise unusable(str(path), f"lacks or garbles a field: {reason}", self.remedy) from None
+            raise unusable(path, f"lacks or garbles a field: {reason}", self.remedy) from None
 
 
 def encoded(value: Any) -> Any:

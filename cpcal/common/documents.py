@@ -21,7 +21,7 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
+from cpcal.common.errors import InputError, Problems, shown, unusable
 from cpcal.common.files import NAME_MAX, NAME_REMEDY, TEXT_REMEDY, is_text, small_file
 from cpcal.common.values import LARGEST, Floats
 
@@ -80,14 +80,14 @@ def toml_document(content: bytes, where: str, problems: Problems, start: str) ->
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
-        problems.add(Problem(where, "is not UTF-8 text", "save the file as UTF-8 text", line))
+        problems.wrong(where, "is not UTF-8 text", "save the file as UTF-8 text", line)
         return None
     if not text.strip():
-        problems.add(Problem(where, "is empty", f"write at least {start}", 1))
+        problems.wrong(where, "is empty", f"write at least {start}", 1)
         return None
     for number, row in enumerate(text.split("\n"), start=1):
         if max(part.count(".") for part in _BREAKS.split(row)) > _DOTS_MAX:
-            problems.add(Problem(where, "has a key of too many parts", "is this the right file?", number))
+            problems.wrong(where, "has a key of too many parts", "is this the right file?", number)
             return None
     try:
         document = tomllib.loads(text)
@@ -97,11 +97,11 @@ def toml_document(content: bytes, where: str, problems: Problems, start: str) ->
         what, _, place = str(error).rpartition(" (at ")  # "(at line 3, column 5)" or "(at end of document)"
         digits = place.removeprefix("line ").partition(",")[0]
         line = int(digits) if digits.isdecimal() else text.rstrip().count("\n") + 1
-        problems.add(Problem(where, f"is not TOML: {what[:200]}", "correct the line", line))
+        problems.wrong(where, f"is not TOML: {what[:200]}", "correct the line", line)
         return None
     except (ValueError, RecursionError):  # integers of thousands of digits; brackets nested thousands deep
         pass
-    problems.add(Problem(where, "is not a sensible TOML file", "write it as the documentation shows"))
+    problems.wrong(where, "is not a sensible TOML file", "write it as the documentation shows")
     return None
 
 
@@ -116,7 +116,7 @@ def json_object(path: Path, absent: str, again: str) -> dict[str, Any]:
     except ValueError as error:
         line = error.lineno if isinstance(error, json.JSONDecodeError) else None
         what = error.msg if isinstance(error, json.JSONDecodeError) else str(error)
-        raise unusable(str(path), f"is not JSON: {what}", again, line) from None
+        raise unusable(path, f"is not JSON: {what}", again, line) from None
 
 
 def parsed_object(content: bytes | str) -> dict[str, Any]:
@@ -224,7 +224,7 @@ class TomlReader:
         return self.lines.get(path)
 
     def wrong(self, path: KeyPath, what: str, remedy: str) -> None:
-        self.problems.add(Problem(self.where, what, remedy, self.line(path)))
+        self.problems.wrong(self.where, what, remedy, self.line(path))
 
     def made(self, make: Callable[[], T], place: Callable[[str], KeyPath]) -> T | None:
         """A value of what was read; None where it cannot be, its problems taken note of at the `place` of what they are

@@ -76,9 +76,9 @@ class OutputError(InputError):
     about = "with the output"
 
 
-def unusable(where: str, what: str, remedy: str, line: int | None = None) -> InputError:
+def unusable(where: str | os.PathLike[str], what: str, remedy: str, line: int | None = None) -> InputError:
     """What to raise for one problem."""
-    return InputError([Problem(where, what, remedy, line)])
+    return InputError([Problem(str(where), what, remedy, line)])
 
 
 def refuse(*problems: tuple[object, str, str, str]) -> None:
@@ -127,6 +127,12 @@ class Problems:
         else:
             self.omitted += 1
 
+    def wrong(
+        self, where: str | os.PathLike[str], what: str, remedy: str, line: int | None = None, *, always: bool = False
+    ) -> None:
+        """Add the problem that is made of these."""
+        self.add(Problem(str(where), what, remedy, line), always=always)
+
     def add_unknown(
         self, where: str, what: str, name: str, known: Iterable[str], otherwise: str, line: int | None
     ) -> None:
@@ -134,7 +140,7 @@ class Problems:
         near = []
         if len(self.listed) < LISTED:  # the search is slow, and a file of rubbish holds many names
             near = difflib.get_close_matches(name[:100], list(known), n=1)
-        self.add(Problem(where, what, f"did you mean {near[0]!r}?" if near else otherwise, line))
+        self.wrong(where, what, f"did you mean {near[0]!r}?" if near else otherwise, line)
 
     def of(self, load: Callable[[], T]) -> T | None:
         """What a function returns; None, with its problems added, where it raises InputError."""

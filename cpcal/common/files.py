@@ -144,12 +144,12 @@ def small_file(path: Path, absent: str, *, most: int = SETTINGS_MAX) -> bytes:
             size = os.fstat(file.fileno()).st_size
             content = file.read(size + 1) if size <= most else b""  # what is too large is not read
     except FileNotFoundError:
-        raise unusable(str(path), "does not exist", absent) from None
+        raise unusable(path, "does not exist", absent) from None
     except OSError as error:
         what = f"cannot be read: {error.strerror or error}"
-        raise unusable(str(path), what, "give a file that can be read") from None
+        raise unusable(path, what, "give a file that can be read") from None
     if max(size, len(content)) > most:
-        raise unusable(str(path), f"is larger than {most:,} bytes", "is this the right file?")
+        raise unusable(path, f"is larger than {most:,} bytes", "is this the right file?")
     return content
 
 

@@ -23,6 +23,8 @@ import numpy.typing as npt
 # ------------------------------------------------------------------------------------------------------------------
 # Types of numpy arrays, for the whole package.
 
+ArrayLike: TypeAlias = npt.ArrayLike  # what numpy makes an array of
+AnyArray: TypeAlias = npt.NDArray[Any]
 Floats: TypeAlias = npt.NDArray[np.float64]
 Bools: TypeAlias = npt.NDArray[np.bool_]
 Indices: TypeAlias = npt.NDArray[np.intp]
@@ -34,7 +36,7 @@ LARGEST = 1e12  # mm: no robot is larger, and no square of such a number overflo
 _REAL = "fiuSUO"  # kinds of numpy arrays that a user's real numbers come in; texts and objects are parsed
 
 
-def as_floats(values: npt.ArrayLike) -> Floats:
+def as_floats(values: ArrayLike) -> Floats:
     """What a user gives as real numbers. Raises TypeError or ValueError for anything else.
 
     numpy itself would take masked values, drop imaginary parts, and read true as 1.
@@ -51,7 +53,7 @@ def as_floats(values: npt.ArrayLike) -> Floats:
 _V = TypeVar("_V")
 
 
-def frozen_array(values: npt.ArrayLike) -> Floats:
+def frozen_array(values: ArrayLike) -> Floats:
     """A private, read-only, C-ordered float64 copy. Raises TypeError or ValueError for what is no real number."""
     array = np.array(as_floats(values), order="C")
     array.setflags(write=False)
@@ -61,6 +63,16 @@ def frozen_array(values: npt.ArrayLike) -> Floats:
 def frozen_mapping(values: Mapping[str, _V]) -> Mapping[str, _V]:
     """A private, read-only copy."""
     return MappingProxyType(dict(values))
+
+
+def floats(values: ArrayLike) -> Floats:
+    """The same in double precision, not copied where it is so already."""
+    return np.asarray(values, np.float64)
+
+
+def norms(vectors: Floats) -> Floats:
+    """Their Euclidean lengths, (..., n) -> (...)."""
+    return np.asarray(np.linalg.norm(vectors, axis=-1))
 
 
 def fill(value: object, **held: object) -> None:

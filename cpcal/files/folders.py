@@ -420,7 +420,7 @@ def keep_beside(campaign: Campaign, certificate: StrPath) -> None:
     if not path.exists():
         save_campaign_json(campaign, path.parent)
     elif path.read_bytes() != campaign_json(campaign):
-        raise unusable(str(path), "is of another campaign", "choose another folder for the certificate")
+        raise unusable(path, "is of another campaign", "choose another folder for the certificate")
 
 
 def load_campaign_json(path: StrPath) -> Campaign:
@@ -433,9 +433,9 @@ def load_campaign_json(path: StrPath) -> Campaign:
             raise ValueError(f"is not of format {JSON_FORMAT}")
         campaign = _campaign(data)
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
-        raise unusable(str(file), f"cannot be used: {error!r}", _REMEDY) from None
+        raise unusable(file, f"cannot be used: {error!r}", _REMEDY) from None
     if campaign_json(campaign) != content:
-        raise unusable(str(file), "is not as cpcal writes it", _REMEDY)
+        raise unusable(file, "is not as cpcal writes it", _REMEDY)
     return campaign
 
 
@@ -490,7 +490,7 @@ def load_study(path: StrPath) -> Study:
         missing = [column for column in SHARED_COLUMNS if column not in found.values]
         if found.values and 0 < len(missing) < len(SHARED_COLUMNS):
             what, remedy = f"the column {missing[0]!r} is missing", f"give all of {', '.join(SHARED_COLUMNS)}, or none"
-            problems.add(Problem(str(folder / file), what, remedy, 1))
+            problems.wrong(folder / file, what, remedy, 1)
         tables.append(found)
     problems.raise_any()
     robot = settings.robot

@@ -22,13 +22,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.common.documents import NUMBERS
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import TEXT_MAX, listed, small_file
 from cpcal.common.numbers import about
-from cpcal.common.values import Floats
+from cpcal.common.values import ArrayLike, Floats
 from cpcal.files.folders import Settings, campaign_of_table, load_settings
 from cpcal.files.tables import QUATERNION, Table
 from cpcal.robot import EXACT_OR_NOT, ROBOTS, Campaign, Robot, known_robot
@@ -95,12 +94,12 @@ def read_log(path: Path) -> Log:
     halves = not any("." in cell or "," in cell for cell in each) and any(re.fullmatch("0[0-9]+", c) for c in each)
     if mark == "," and halves:
         what = "has decimal commas, and commas between columns too: no rule tells them apart"
-        raise unusable(str(path), what, "export it with semicolons or tabs, or with decimal points")
+        raise unusable(path, what, "export it with semicolons or tabs, or with decimal points")
     start = next(i for i, (_, cells) in enumerate(rows) if len(cells) == width and _numbers(cells, sign) >= _LEAST)
     for number, cells in rows[start:]:
         if len(cells) != width:
             what = f"{len(cells)} cells, but the rows before have {width}"
-            problems.add(Problem(str(path), what, "mend the line, or make it a comment with #", number))
+            problems.wrong(path, what, "mend the line, or make it a comment with #", number)
     problems.raise_any()
     names = _header(lines, rows[start][0], width, mark, sign)
     kept = rows[start:]
@@ -154,7 +153,7 @@ def _header(lines: list[str], before: int, width: int, mark: str, sign: str) -> 
 
 
 def log_settings(
-    robot: Robot | str, sigmas: Mapping[str, npt.ArrayLike | None], factor: float, exact: bool
+    robot: Robot | str, sigmas: Mapping[str, ArrayLike | None], factor: float, exact: bool
 ) -> tuple[Settings, bool]:
     """The robot, and how far readings may be off; whether that was stated. What is given by kind in `sigmas` counts
     before what a campaign.toml says. Raises InputError."""
@@ -221,7 +220,7 @@ def _mapped(
         found, form = columns_by_name(header, legs, form)
         taken = {*header} - {*widths}
     if form is None:
-        problems.add(Problem("rotation", "is not told by the columns", f"state --rotation: {FORMS}"))
+        problems.wrong("rotation", "is not told by the columns", f"state --rotation: {FORMS}")
     turns = () if form is None else form.columns
     needed += turns
     own = [name for name in ("pose", "run", *needed, *widths) if name in header]
@@ -234,26 +233,26 @@ def _mapped(
         proposed = ", ".join(f'{name}="{of.name}"{marks[name]}' for name, of in found.items())
         rest = f"; add {', '.join(missing)}" if missing else ""
         what = f"columns have no names or units that tell what they are; they are {there}"
-        problems.add(Problem("map", what, f"check this one, and its units: --map '{proposed}'{rest}"))
+        problems.wrong("map", what, f"check this one, and its units: --map '{proposed}'{rest}")
         missing = []
     places: dict[int, str] = {}
     for target, source in found.items():
         units, place = units_of(target), source.place(header)
         if place is None and source.name in header:
-            problems.add(Problem("map", f"{source.name!r} is there twice", 'give its number, as in "#2"'))
+            problems.wrong("map", f"{source.name!r} is there twice", 'give its number, as in "#2"')
         elif place is None:
             what = f"{target}: there is no column {shown(source.name)}"
-            problems.add(Problem("map", what, f"the columns are {there}"))
+            problems.wrong("map", what, f"the columns are {there}")
         elif (first := places.setdefault(place, target)) != target:
             what = f"{first} and {target} are the same column, {shown(source.name)}"
-            problems.add(Problem("map", what, "map each to its own"))
+            problems.wrong("map", what, "map each to its own")
         if source.unit is not None and source.unit not in units:
             remedy = "give one of " + ", ".join(units) if units else "give no unit"
-            problems.add(Problem("map", f"{target} cannot be in {source.unit}", remedy))
+            problems.wrong("map", f"{target} cannot be in {source.unit}", remedy)
         if columns and target in bare and units is ANGLES:
-            problems.add(Problem("map", f"{target} has no unit", f"write {target}={source.name}[deg] or [rad]"))
+            problems.wrong("map", f"{target} has no unit", f"write {target}={source.name}[deg] or [rad]")
     for name in missing:
-        problems.add(Problem("map", f"the column {name!r} is missing", "map the table's columns to these names"))
+        problems.wrong("map", f"the column {name!r} is missing", "map the table's columns to these names")
     problems.raise_any(YOUR_DATA)
     assert form is not None  # what keeps it from being known is a problem, and was raised
     return found, form
@@ -274,7 +273,7 @@ def _table(log: Log, found: Mapping[str, ColumnSource], form: RotationForm) -> T
             texts.append(row[place].replace(log.decimal, ".") if good else "nan")
             if not good:
                 what = f"{target}: {shown(row[place])} is not a number" if row[place] else f"{target} is empty"
-                problems.add(Problem(log.where, what, "mend the cell, or make the line a comment with #", line))
+                problems.wrong(log.where, what, "mend the cell, or make the line a comment with #", line)
         if "mm" in units:
             size = LENGTHS[source.unit or (form.length if target in "xyz" else "") or "mm"]
             table.values[target] = np.array([float(Decimal(text) * size) for text in texts])

@@ -94,9 +94,9 @@ def check_replaceable(folder: Path, kind: FolderKind) -> None:
         return
     what, remedy = "is there, and not written by cpcal", "choose another folder, or move it away"
     if (folder / "campaign.toml").exists():
-        raise unusable(str(folder), "is the folder of a campaign", "choose another folder")
+        raise unusable(folder, "is the folder of a campaign", "choose another folder")
     if (folder / "handeye.toml").exists() and not (folder / HANDEYE.head).exists():
-        raise unusable(str(folder), "is the folder of a hand-eye study", "choose another folder")
+        raise unusable(folder, "is the folder of a hand-eye study", "choose another folder")
     strange = [name for name in kind.names(folder) if not _ours(folder / name)]
     if strange:
         raise InputError([Problem(str(folder / name), what, remedy) for name in strange])
@@ -117,7 +117,7 @@ def locked(folder: Path) -> Iterator[Callable[[], bool]]:
         descriptor = _locked(folder)
     except BlockingIOError:
         what = "is being written by another run of cpcal"
-        raise unusable(str(folder), what, "wait for it, or choose another folder") from None
+        raise unusable(folder, what, "wait for it, or choose another folder") from None
     except OSError as error:
         raise unwritable(folder, error) from error
     held = partial(_held, folder, descriptor)

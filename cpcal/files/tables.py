@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from cpcal.common.documents import NUMBERS, csv_table, unguarded
-from cpcal.common.errors import Problem, Problems, shown, unusable
+from cpcal.common.errors import Problems, shown, unusable
 from cpcal.common.files import IDENTIFIER_REMEDY, StrPath, is_identifier, small_file
 from cpcal.common.values import LARGEST, Floats
 from cpcal.robot import Pose, PoseTable
@@ -96,7 +96,7 @@ class _Reader:
 
     def wrong(self, what: str, remedy: str, *, always: bool = False) -> None:
         """Of the line that was read last."""
-        self.problems.add(Problem(self.where, what, remedy, self.line), always=always)
+        self.problems.wrong(self.where, what, remedy, self.line, always=always)
 
     def lines(self) -> Iterator[list[str] | None]:
         """The cells of the lines that are not blank; None for a line that cannot be read at all."""
@@ -229,7 +229,7 @@ def load_poses(path: StrPath) -> tuple[tuple[str, ...], Pose]:
     problems.raise_any()
     names = table.names["pose"]
     if len(set(names)) < len(names):
-        raise unusable(str(path), "gives a pose twice", "name each pose once")
+        raise unusable(path, "gives a pose twice", "name each pose once")
     return tuple(names), Pose(table.columns(*"xyz"), table.columns(*QUATERNION))
 
 

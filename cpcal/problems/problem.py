@@ -31,12 +31,12 @@ def load_problem(path: Path) -> StatedProblem:
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         what = "is neither Minibex (.bch, .mbx) nor AMPL's .nl"
-        raise unusable(str(path), what, "give it the suffix of what it is")
+        raise unusable(path, what, "give it the suffix of what it is")
     content = small_file(path, "give a file of a problem", most=MOST)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise unusable(str(path), "is no UTF-8 text", "save it as UTF-8 text") from None
+        raise unusable(path, "is no UTF-8 text", "save it as UTF-8 text") from None
     return reader(text, str(path))
 
 

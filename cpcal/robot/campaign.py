@@ -13,14 +13,14 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
+from cpcal.common.errors import Problem, Problems, shown, unusable
 from cpcal.common.files import IDENTIFIER_REMEDY, NAME_MAX, NAME_REMEDY, TEXT_REMEDY, is_identifier, is_text
 from cpcal.common.numbers import about
 from cpcal.common.values import (
     LARGEST,
     TINY,
+    ArrayLike,
     Floats,
     Indices,
     Value,
@@ -29,6 +29,7 @@ from cpcal.common.values import (
     freeze,
     frozen_array,
     frozen_mapping,
+    norms,
 )
 from cpcal.robot.kinematics import Pose, leg_vectors, turn_between
 from cpcal.robot.robot import KINDS, Robot, Uncertainty, good_numbers, known_robot
@@ -36,7 +37,7 @@ from cpcal.robot.units import ModelChoice, RotationForm
 
 
 def stated_uncertainty(
-    legs: int, sigmas: Mapping[str, npt.ArrayLike | None], factor: float, uncertainty: Uncertainty | None
+    legs: int, sigmas: Mapping[str, ArrayLike | None], factor: float, uncertainty: Uncertainty | None
 ) -> Uncertainty | None:
     """The uncertainty that standard deviations state; one number stands for all axes, or all legs."""
     given = {kind: value for kind in KINDS if (value := sigmas[kind]) is not None}
@@ -107,7 +108,7 @@ def table_problems(
             yield Problem(f"{row} {keys[k]}", f"its {name} {what}", "correct it, or leave it out")
     quaternion = arrays["quaternion"][0]
     with np.errstate(all="ignore"):  # what is not finite was named above
-        far = np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) > 0.5 * QUATERNION_TOLERANCE
+        far = np.abs(norms(quaternion) - 1.0) > 0.5 * QUATERNION_TOLERANCE
     for k in np.flatnonzero(far):
         norm = math.hypot(*quaternion[k].tolist())
         if abs(norm - 1.0) > QUATERNION_TOLERANCE:
@@ -184,17 +185,17 @@ class Campaign(Value):
     def of(
         cls,
         robot: Robot,
-        position: npt.ArrayLike,
-        quaternion: npt.ArrayLike,
-        length: npt.ArrayLike,
+        position: ArrayLike,
+        quaternion: ArrayLike,
+        length: ArrayLike,
         *,
         pose: Sequence[str] | None = None,
         run: Sequence[str] | None = None,
         uncertainty: Uncertainty | None = None,
         exact: bool = False,
-        position_radius: npt.ArrayLike | None = None,
-        rotation_radius: npt.ArrayLike | None = None,
-        length_radius: npt.ArrayLike | None = None,
+        position_radius: ArrayLike | None = None,
+        rotation_radius: ArrayLike | None = None,
+        length_radius: ArrayLike | None = None,
         provenance: Mapping[str, str] | None = None,
         model: ModelChoice | None = None,
     ) -> Campaign:
@@ -235,15 +236,15 @@ class Campaign(Value):
     @classmethod
     def from_arrays(
         cls,
-        positions: npt.ArrayLike,
-        rotations: npt.ArrayLike | Any,
-        lengths: npt.ArrayLike,
+        positions: ArrayLike,
+        rotations: ArrayLike | Any,
+        lengths: ArrayLike,
         *,
         robot: Robot | str,
         rotation: str = "quaternion-wxyz",
-        position_sigma: npt.ArrayLike | None = None,
-        rotation_sigma: npt.ArrayLike | None = None,
-        length_sigma: npt.ArrayLike | None = None,
+        position_sigma: ArrayLike | None = None,
+        rotation_sigma: ArrayLike | None = None,
+        length_sigma: ArrayLike | None = None,
         factor: float = 3.0,
         uncertainty: Uncertainty | None = None,
         exact: bool = False,
@@ -315,7 +316,7 @@ class Campaign(Value):
         """Whether every reading set is a single point."""
         return not (self.position_radius.any() or self.rotation_radius.any() or self.length_radius.any())
 
-    def rows(self, chosen: npt.ArrayLike) -> Campaign:
+    def rows(self, chosen: ArrayLike) -> Campaign:
         """Some of its measurements, by number from 0 or as truth values (N,)."""
         rows = np.arange(len(self))[np.asarray(chosen)].tolist()
         pose, run = (tuple(names[k] for k in rows) for names in (self.pose, self.run))
@@ -431,17 +432,17 @@ class Study(Value):
 
     def __post_init__(self) -> None:
         fill(self, provenance=frozen_mapping(self.provenance))
-        problems = []
+        problems = Problems()
         for name in ("calibration", "validation"):
             found = getattr(self, name).legs
             if found != self.robot.legs:
                 what = f"has readings of {found} legs, and the robot has {self.robot.legs}"
-                problems.append(Problem(f"study {name}", what, "give one reading for each leg"))
+                problems.wrong(f"study {name}", what, "give one reading for each leg")
         if self.truth is not None and self.truth.robot.legs != self.robot.legs:
-            problems.append(Problem("study truth", "has another number of legs", "give as many as the robot has"))
-        problems += provenance_problems("study", self.provenance)
-        if problems:
-            raise InputError(problems)
+            problems.wrong("study truth", "has another number of legs", "give as many as the robot has")
+        for problem in provenance_problems("study", self.provenance):
+            problems.add(problem)
+        problems.raise_any()
 
     def __repr__(self) -> str:
         rows = f"{len(self.calibration)} + {len(self.validation)} rows"
@@ -477,7 +478,7 @@ class LegEquations:
 
     def values(self, x: Floats) -> Floats:
         """g, (N, n)."""
-        return np.asarray(np.linalg.norm(self.vectors(x)[0], axis=-1) - (self.length + x[:, 6]))
+        return norms(self.vectors(x)[0]) - (self.length + x[:, 6])
 
     def by_parameters(self, x: Floats) -> Floats:
         """dg/dx, (N, n, 7): [-v/||v||, R' v/||v||, -1]."""
@@ -498,7 +499,7 @@ class LegEquations:
     def _directions(self, x: Floats) -> tuple[Floats, Floats]:
         """v / ||v|| and R b, each (N, n, 3)."""
         vector, arm = self.vectors(x)
-        return vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), _SHORTEST), arm
+        return vector / np.maximum(norms(vector)[..., None], _SHORTEST), arm
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -572,7 +573,7 @@ class Given:
     @property
     def nominal(self) -> Floats:
         """(N, n) mm, the leg lengths that the drawing and the poses give."""
-        return np.asarray(np.linalg.norm(leg_vectors(self.robot, self.pose), axis=-1))
+        return norms(leg_vectors(self.robot, self.pose))
 
     @property
     def off(self) -> Floats:

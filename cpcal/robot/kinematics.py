@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.common.errors import CpcalError, unusable
-from cpcal.common.values import TINY, Bools, ByValue, Floats
+from cpcal.common.values import TINY, ArrayLike, Bools, ByValue, Floats, floats, norms
 from cpcal.robot.robot import Robot
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -38,69 +37,69 @@ def rotation_numerators(quaternion: Iterable[Any]) -> tuple[list[list[Any]], Any
     return rows, ww + xx + yy + zz
 
 
-def rotation_matrix(quaternion: npt.ArrayLike) -> Floats:
+def rotation_matrix(quaternion: ArrayLike) -> Floats:
     """R(q), (..., 4) -> (..., 3, 3): the rotation of any non-zero quaternion, without a square root."""
-    q = np.asarray(quaternion, np.float64)
+    q = floats(quaternion)
     entries, norm_squared = rotation_numerators(np.moveaxis(q, -1, 0))
     matrix = np.stack([np.stack(row, axis=-1) for row in entries], axis=-2)
     return np.asarray(matrix / norm_squared[..., None, None])
 
 
-def quaternion_product(left: npt.ArrayLike, right: npt.ArrayLike) -> Floats:
+def quaternion_product(left: ArrayLike, right: ArrayLike) -> Floats:
     """The Hamilton product, (..., 4) x (..., 4) -> (..., 4): R(left * right) = R(left) R(right)."""
-    p, q = np.asarray(left, np.float64), np.asarray(right, np.float64)
+    p, q = floats(left), floats(right)
     scalar = p[..., 0] * q[..., 0] - np.sum(p[..., 1:] * q[..., 1:], axis=-1)
     vector = p[..., :1] * q[..., 1:] + q[..., :1] * p[..., 1:] + np.cross(p[..., 1:], q[..., 1:])
     return np.concatenate([scalar[..., None], vector], axis=-1)
 
 
-def quaternion_conjugate(quaternion: npt.ArrayLike) -> Floats:
+def quaternion_conjugate(quaternion: ArrayLike) -> Floats:
     """(w, -x, -y, -z), (..., 4) -> (..., 4): the inverse rotation."""
-    q = np.asarray(quaternion, np.float64)
+    q = floats(quaternion)
     return np.concatenate([q[..., :1], -q[..., 1:]], axis=-1)
 
 
-def turn_between(one: npt.ArrayLike, other: npt.ArrayLike) -> Floats:
+def turn_between(one: ArrayLike, other: ArrayLike) -> Floats:
     """The rotation vector of the turn that takes rotations `other` to `one`, rad, (..., 4) x (..., 4) -> (..., 3)."""
     return rotation_vector(quaternion_product(one, quaternion_conjugate(other)))
 
 
-def normalised(quaternion: npt.ArrayLike) -> Floats:
+def normalised(quaternion: ArrayLike) -> Floats:
     """The unit quaternion of the same rotation with a scalar part >= 0, (..., 4) -> (..., 4)."""
-    q = np.asarray(quaternion, np.float64)
+    q = floats(quaternion)
     sign = np.where(q[..., :1] < 0, -1.0, 1.0)
-    return np.asarray(q * sign / np.linalg.norm(q, axis=-1, keepdims=True))
+    return q * sign / norms(q)[..., None]
 
 
-def small_rotation(vector: npt.ArrayLike) -> Floats:
+def small_rotation(vector: ArrayLike) -> Floats:
     """The quaternion (1, s) with 2 s = vector, not normalised, (..., 3) -> (..., 4).
 
     This is how the reading sets write a rotation error (DESIGN section 1): its inverse is exactly (1, -s),
     and 2 s is the rotation vector up to a relative error of angle^2 / 12.
     """
-    s = 0.5 * np.asarray(vector, np.float64)
+    s = 0.5 * floats(vector)
     return np.concatenate([np.ones((*s.shape[:-1], 1)), s], axis=-1)
 
 
-def quaternion_from_rotation_vector(vector: npt.ArrayLike) -> Floats:
+def quaternion_from_rotation_vector(vector: ArrayLike) -> Floats:
     """The unit quaternion that turns by |vector| rad about it, (..., 3) -> (..., 4)."""
-    v = np.asarray(vector, np.float64)
-    half = 0.5 * np.linalg.norm(v, axis=-1, keepdims=True)
+    v = floats(vector)
+    half = 0.5 * norms(v)[..., None]
     return np.concatenate([np.cos(half), 0.5 * v * np.sinc(half / np.pi)], axis=-1)
 
 
-def rotation_vector(quaternion: npt.ArrayLike) -> Floats:
+def rotation_vector(quaternion: ArrayLike) -> Floats:
     """The rotation vector, rad, of norm at most pi, (..., 4) -> (..., 3)."""
     q = normalised(quaternion)
-    half = np.arctan2(np.linalg.norm(q[..., 1:], axis=-1, keepdims=True), q[..., :1])
+    half = np.arctan2(norms(q[..., 1:])[..., None], q[..., :1])
     return np.asarray(2.0 * q[..., 1:] / np.sinc(half / np.pi))
 
 
-def quaternion_from_matrix(matrix: npt.ArrayLike) -> Floats:
+def quaternion_from_matrix(matrix: ArrayLike) -> Floats:
     """The unit quaternion (scalar part >= 0) of a rotation matrix, (..., 3, 3) -> (..., 4)."""
     from scipy.spatial.transform import Rotation  # here: it takes a while to load
 
-    given = np.asarray(matrix, np.float64)
+    given = floats(matrix)
     found = Rotation.from_matrix(given.reshape(-1, 3, 3), assume_valid=True).as_quat(scalar_first=True)
     return normalised(found.reshape(*given.shape[:-2], 4))
 
@@ -156,24 +155,24 @@ def leg_vectors(robot: Robot, pose: Pose) -> Floats:
 
 def inverse_kinematics(robot: Robot, pose: Pose) -> Floats:
     """The readings L = ||P + R b - a|| - l, (..., n) mm (the paper, eq. 1)."""
-    return np.asarray(np.linalg.norm(leg_vectors(robot, pose), axis=-1) - robot.offset)
+    return norms(leg_vectors(robot, pose)) - robot.offset
 
 
 def pose_jacobian(robot: Robot, pose: Pose) -> Floats:
     """Derivative of the readings by (P, rotation vector in the base frame), (..., n, 6): mm/mm, mm/rad."""
     vectors = leg_vectors(robot, pose)
-    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    lengths = norms(vectors)[..., None]
     directions = vectors / np.maximum(lengths, TINY)
     arms = vectors - pose.position[..., None, :] + robot.base  # R b
     return np.concatenate([directions, np.cross(arms, directions)], axis=-1)
 
 
-def central_pose(robot: Robot, readings: npt.ArrayLike, side: float = 1.0) -> Pose:
+def central_pose(robot: Robot, readings: ArrayLike, side: float = 1.0) -> Pose:
     """The upright pose, above the base (side -1: below) and unturned, that the readings (n,) roughly allow, made exact.
 
     It fixes the assembly branch of whatever is continued from it.
     """
-    lengths = robot.offset + np.asarray(readings, np.float64)
+    lengths = robot.offset + floats(readings)
     centre = robot.base.mean(axis=0) - robot.mobile.mean(axis=0)
     reach = robot.mobile + centre - robot.base
     height = np.sqrt(max(float(np.mean(lengths**2 - np.sum(reach**2, axis=1))), float(np.mean(lengths)) ** 2 / 100))
@@ -181,7 +180,7 @@ def central_pose(robot: Robot, readings: npt.ArrayLike, side: float = 1.0) -> Po
     return forward_kinematics(robot, readings, guess)
 
 
-def forward_kinematics(robot: Robot, readings: npt.ArrayLike, guess: Pose) -> Pose:
+def forward_kinematics(robot: Robot, readings: ArrayLike, guess: Pose) -> Pose:
     """The poses whose readings are `readings`, (..., n) mm, on the assembly branch of `guess`.
 
     As `forward_poses`, but raises KinematicsError when some cannot be reached.
@@ -189,12 +188,12 @@ def forward_kinematics(robot: Robot, readings: npt.ArrayLike, guess: Pose) -> Po
     pose, converged = forward_poses(robot, readings, guess)
     if converged.all():
         return pose
-    rows = np.asarray(readings, np.float64).reshape(-1, robot.legs)
+    rows = floats(readings).reshape(-1, robot.legs)
     message = f"no pose found for {np.sum(~converged)} of {len(rows)} rows of readings"
     raise unreached(message, rows, converged.ravel(), "give a guess nearer to it, or check the robot's parameters")
 
 
-def forward_poses(robot: Robot, readings: npt.ArrayLike, guess: Pose) -> tuple[Pose, Bools]:
+def forward_poses(robot: Robot, readings: ArrayLike, guess: Pose) -> tuple[Pose, Bools]:
     """The poses whose readings are `readings`, (..., n) mm, where they can be reached from `guess`, NaN elsewhere; and
     where that is, (...).
 
@@ -206,7 +205,7 @@ def forward_poses(robot: Robot, readings: npt.ArrayLike, guess: Pose) -> tuple[P
     """
     if robot.legs < 6:
         raise KinematicsError(f"{robot.legs} legs do not determine a pose: forward kinematics needs at least 6")
-    asked = np.asarray(readings, np.float64)
+    asked = floats(readings)
     if asked.ndim == 0 or asked.shape[-1] != robot.legs or not np.isfinite(asked).all():
         raise KinematicsError(f"readings of shape {asked.shape}: expected finite numbers, (..., {robot.legs})")
     shape, target = asked.shape[:-1], asked.reshape(-1, robot.legs)
@@ -237,7 +236,7 @@ def forward_poses(robot: Robot, readings: npt.ArrayLike, guess: Pose) -> tuple[P
     return found, np.asarray(np.isfinite(found.position).all(axis=-1))
 
 
-def newton(robot: Robot, gaps: Callable[[Pose], Floats], pose: Pose, accuracy: npt.ArrayLike) -> tuple[Pose, Bools]:
+def newton(robot: Robot, gaps: Callable[[Pose], Floats], pose: Pose, accuracy: ArrayLike) -> tuple[Pose, Bools]:
     """Poses (K) at which all legs have the length that they should have, and which converged, (K,).
 
     gaps      what the legs lack of it at poses, (K, n) mm. Legs may be imperfect: the derivative is the robot's own
@@ -245,8 +244,8 @@ def newton(robot: Robot, gaps: Callable[[Pose], Floats], pose: Pose, accuracy: n
 
     Newton's method, damped; Gauss-Newton for more than six legs.
     """
-    longest = 0.3 * np.mean(np.linalg.norm(leg_vectors(robot, pose), axis=-1), axis=-1)  # mm, of a step
-    arm = 1.0 + float(np.max(np.linalg.norm(robot.mobile, axis=1)))  # mm/rad
+    longest = 0.3 * np.mean(norms(leg_vectors(robot, pose)), axis=-1)  # mm, of a step
+    arm = 1.0 + float(np.max(norms(robot.mobile)))  # mm/rad
     scale = np.repeat([1.0, arm], 3)
     converged = np.zeros(len(longest), np.bool_)
     for _ in range(_ITERATIONS):
@@ -256,7 +255,7 @@ def newton(robot: Robot, gaps: Callable[[Pose], Floats], pose: Pose, accuracy: n
         converged = np.max(np.abs(step), axis=1) <= accuracy
         if robot.legs == 6:
             converged &= np.max(np.abs(gap), axis=1) <= accuracy
-        move, turn = (np.linalg.norm(part, axis=1) for part in (step[:, :3], step[:, 3:] / arm))
+        move, turn = (norms(part) for part in (step[:, :3], step[:, 3:] / arm))
         size = np.maximum(np.maximum(move / longest, turn / _MAX_TURN), 1.0)
         pose = pose.moved(step / scale / size[:, None])
         if converged.all():
@@ -282,16 +281,16 @@ def inverse(pose: Pose) -> Pose:
     return Pose(-turned, normalised(quaternion_conjugate(pose.quaternion)))
 
 
-def transformed(pose: Pose, points: npt.ArrayLike) -> Floats:
+def transformed(pose: Pose, points: ArrayLike) -> Floats:
     """P + R x for points (..., n, 3) mm: coordinates in the pose's own frame become those in its reference."""
-    turned = np.einsum("...ij,...nj->...ni", pose.rotation, np.asarray(points, np.float64))
+    turned = np.einsum("...ij,...nj->...ni", pose.rotation, floats(points))
     return np.asarray(pose.position[..., None, :] + turned)
 
 
 def distances(one: Pose, other: Pose) -> tuple[Floats, Floats]:
     """Between K poses: mm, and the angle in rad."""
     turn = turn_between(one.quaternion, other.quaternion)
-    return np.linalg.norm(one.position - other.position, axis=-1), np.linalg.norm(turn, axis=-1)
+    return norms(one.position - other.position), norms(turn)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -312,9 +311,9 @@ LEAST_SPREAD = 1e-6  # rad: below it the data are degenerate to rounding
 _LOST = 1.0  # spread of the rotations over the rms rotation residual: below it, the rotation is noise
 
 
-def cross_matrix(vector: npt.ArrayLike) -> Floats:
+def cross_matrix(vector: ArrayLike) -> Floats:
     """The matrix of v -> vector x v, (..., 3) -> (..., 3, 3)."""
-    v = np.asarray(vector, np.float64)
+    v = floats(vector)
     return np.cross(v[..., None, :], np.eye(3)).swapaxes(-1, -2)
 
 

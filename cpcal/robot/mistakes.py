@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cpcal.common.numbers import about
-from cpcal.common.values import TINY, Floats
+from cpcal.common.values import TINY, Floats, norms
 from cpcal.robot.campaign import Campaign, Given
 from cpcal.robot.kinematics import (
     KinematicsError,
@@ -224,7 +224,7 @@ def degrees_as_radians(given: Given) -> Variants:
     for form in _TAKEN:
         angles, near = _angles(form, given.pose.quaternion), _angles(form, wanted)
         if form == _VECTOR:
-            size = np.linalg.norm(angles, axis=1, keepdims=True)
+            size = norms(angles)[:, None]
             axis = angles / np.maximum(size, TINY)
             chosen = _unwrapped(size, np.sum(axis * near, axis=1, keepdims=True)) * axis
         else:
@@ -248,9 +248,7 @@ _MAX_TURN = 0.5  # rad, of a step
 
 def _short(turn: Floats) -> Floats:
     """Rotation vectors (..., 3) of a length that a step may have."""
-    return np.asarray(
-        turn * np.minimum(1.0, _MAX_TURN / np.maximum(np.linalg.norm(turn, axis=-1, keepdims=True), _MAX_TURN))
-    )
+    return np.asarray(turn * np.minimum(1.0, _MAX_TURN / np.maximum(norms(turn)[..., None], _MAX_TURN)))
 
 
 def _angles(form: str, quaternion: Floats) -> Floats:
@@ -336,7 +334,7 @@ def scored(tried: Sequence[Given], steps: int, moves: Floats | None = None) -> S
     def residuals(x: Floats) -> tuple[Floats, Floats, Floats]:
         """(H, N, n), with the legs' directions and lengths."""
         leg = position[:, :, None] + np.einsum("hkij,hnj->hkni", turn, x[..., 3:6]) - x[:, None, :, :3]
-        size = np.maximum(np.linalg.norm(leg, axis=-1), TINY)
+        size = np.maximum(norms(leg), TINY)
         return size - length - x[:, None, :, 6], leg / size[..., None], size
 
     reach = np.median(residuals(x)[2], axis=(1, 2))

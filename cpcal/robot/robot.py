@@ -7,16 +7,15 @@ from dataclasses import dataclass
 from importlib.resources import files
 
 import numpy as np
-import numpy.typing as npt
 
-from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
+from cpcal.common.errors import Problems, shown, unusable
 from cpcal.common.files import NAME_MAX, NAME_REMEDY, is_text
-from cpcal.common.values import LARGEST, Bools, Floats, Value, freeze
+from cpcal.common.values import LARGEST, ArrayLike, Bools, Floats, Value, floats, freeze
 
 
-def good_numbers(values: npt.ArrayLike, least: float = -LARGEST) -> Bools:
+def good_numbers(values: ArrayLike, least: float = -LARGEST) -> Bools:
     """Which numbers are finite and of a size that makes sense in mm; of half-widths none below `least` = 0."""
-    array = np.asarray(values, np.float64)
+    array = floats(values)
     return (array >= least) & (array <= LARGEST)
 
 
@@ -37,24 +36,23 @@ class Robot(Value):
     offset: Floats
 
     def __post_init__(self) -> None:
-        problems, legs = [], len(self.base) if hasattr(self.base, "__len__") else 0
+        problems, legs = Problems(), len(self.base) if hasattr(self.base, "__len__") else 0
         for name, shape in (("base", (legs, 3)), ("mobile", (legs, 3)), ("offset", (legs,))):
             try:
                 freeze(self, name)
             except (TypeError, ValueError) as error:
-                problems.append(Problem(f"robot {name}", f"is not an array of numbers ({error})", "give numbers, mm"))
+                problems.wrong(f"robot {name}", f"is not an array of numbers ({error})", "give numbers, mm")
                 continue
             array = getattr(self, name)
             if array.shape != shape or not legs:
                 remedy = f"give an array of the shape {shape}" if legs else "give one row for each of n >= 1 legs"
-                problems.append(Problem(f"robot {name}", f"has the shape {array.shape}", remedy))
+                problems.wrong(f"robot {name}", f"has the shape {array.shape}", remedy)
             elif not good_numbers(array).all():
                 what = f"holds a number that is NaN, infinite or above {LARGEST:g}"
-                problems.append(Problem(f"robot {name}", what, "give a number that makes sense, in mm"))
+                problems.wrong(f"robot {name}", what, "give a number that makes sense, in mm")
         if not is_text(self.name, NAME_MAX):
-            problems.append(Problem("robot name", f"is {shown(self.name)}", NAME_REMEDY))
-        if problems:
-            raise InputError(problems)
+            problems.wrong("robot name", f"is {shown(self.name)}", NAME_REMEDY)
+        problems.raise_any()
 
     @property
     def legs(self) -> int:
@@ -67,9 +65,9 @@ class Robot(Value):
         return np.concatenate([self.base, self.mobile, self.offset[:, None]], axis=1)
 
     @classmethod
-    def from_parameters(cls, name: str, parameters: npt.ArrayLike) -> Robot:
+    def from_parameters(cls, name: str, parameters: ArrayLike) -> Robot:
         """The robot of an (n, 7) array of rows `a_x a_y a_z b_x b_y b_z l`, mm."""
-        rows = np.asarray(parameters, np.float64)
+        rows = floats(parameters)
         if rows.ndim != 2 or rows.shape[1] != 7:
             what = f"have the shape {rows.shape}"
             raise unusable("robot parameters", what, "give one row of 7 numbers a leg")
@@ -100,22 +98,21 @@ class Uncertainty(Value):
     factor: float | None = None
 
     def __post_init__(self) -> None:
-        problems = []
+        problems = Problems()
         freeze(self, *KINDS)
         for kind in KINDS:
             array = getattr(self, kind)
             if array.ndim != 1 or (kind != "length" and array.shape != (3,)):
                 what = f"has the shape {array.shape}"
-                problems.append(Problem(f"uncertainty {kind}", what, "give 3, 3 and as many as there are legs"))
+                problems.wrong(f"uncertainty {kind}", what, "give 3, 3 and as many as there are legs")
             elif not good_numbers(array, 0.0).all():
                 what = f"holds a number that is negative, not finite or above {LARGEST:g}"
-                problems.append(Problem(f"uncertainty {kind}", what, "give finite numbers >= 0"))
+                problems.wrong(f"uncertainty {kind}", what, "give finite numbers >= 0")
         if self.factor is not None and not good_numbers(self.factor, 0.0):
-            problems.append(Problem("uncertainty factor", f"is {self.factor}", "give a finite number >= 0"))
+            problems.wrong("uncertainty factor", f"is {self.factor}", "give a finite number >= 0")
         if not problems and not good_numbers(self.half_widths, 0.0).all():
-            problems.append(Problem("uncertainty", f"factor * sigma is above {LARGEST:g}", "give smaller numbers"))
-        if problems:
-            raise InputError(problems)
+            problems.wrong("uncertainty", f"factor * sigma is above {LARGEST:g}", "give smaller numbers")
+        problems.raise_any()
 
     @property
     def half_widths(self) -> Floats:

@@ -11,12 +11,15 @@ from decimal import Decimal
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from cpcal.common.errors import YOUR_DATA, Problem, Problems, refuse, shown, unusable
+from cpcal.common.errors import YOUR_DATA, Problems, refuse, shown, unusable
 from cpcal.common.files import NAME_MAX
-from cpcal.common.values import Floats, Value, as_floats, fill, frozen_mapping
-from cpcal.robot.kinematics import normalised, quaternion_from_matrix, quaternion_from_rotation_vector
+from cpcal.common.values import ArrayLike, Floats, Value, as_floats, fill, frozen_mapping, norms
+from cpcal.robot.kinematics import (
+    normalised,
+    quaternion_from_matrix,
+    quaternion_from_rotation_vector,
+)
 
 LENGTHS = {"mm": Decimal(1), "cm": Decimal(10), "m": Decimal(1000), "um": Decimal("0.001"), "in": Decimal("25.4")}
 NAMES = {"mm": "millimetres", "cm": "centimetres", "m": "metres", "um": "micrometres", "in": "inches"}
@@ -77,7 +80,7 @@ class RotationForm:
             return cls(name, ("r1", "r2", "r3"), rest[1])
         raise unusable("rotation", f"{shown(name)} is no form of rotations", FORMS)
 
-    def quaternions(self, rotations: npt.ArrayLike | Any) -> Floats:
+    def quaternions(self, rotations: ArrayLike | Any) -> Floats:
         """(N, 4) unit quaternions of (N, 4), (N, 3, 3), (N, 9) or (N, 3) numbers, or of a scipy Rotation.
 
         Raises InputError for what is no rotation, with its row (from 0).
@@ -98,7 +101,7 @@ class RotationForm:
         finite, off, what, remedy = np.where(good[:, None], values, 0.0), np.zeros(len(values)), "", "correct it"
         with np.errstate(all="ignore"):
             if width == 4:
-                norm = np.linalg.norm(finite, axis=1, keepdims=True)
+                norm = norms(finite)[:, None]
                 off, what = np.abs(norm[:, 0] - 1.0), "is a quaternion whose norm is not 1"
                 remedy = "check the columns, or divide it by its norm"
                 found = np.where(np.abs(norm - 1.0) <= 1e-12, finite, finite / norm)  # a norm of 1: bit for bit
@@ -116,7 +119,7 @@ class RotationForm:
         problems = Problems()
         for row in np.flatnonzero(~(good & (off <= ROUNDED))).tolist():
             wrong = what if good[row] else "holds a number that is not finite"
-            problems.add(Problem(f"rotation of row {row}", wrong, remedy))
+            problems.wrong(f"rotation of row {row}", wrong, remedy)
         problems.raise_any()
         return found
 
@@ -185,7 +188,7 @@ def column_map(text: str | Mapping[str, str], known: Iterable[str]) -> dict[str,
         match = _ENTRY.match(whole, place)
         if match is None:
             what = f"cannot be read from {shown(whole[place:].strip())} on"
-            problems.add(Problem("map", what, 'write target=column[unit], such as "x=Tx[m], y=Ty[m]"'))
+            problems.wrong("map", what, 'write target=column[unit], such as "x=Tx[m], y=Ty[m]"')
             break
         place = match.end()
         target, quoted, plain, unit = match.groups()
@@ -194,12 +197,12 @@ def column_map(text: str | Mapping[str, str], known: Iterable[str]) -> dict[str,
             known_ones = "the columns of a campaign are " + ", ".join(names)
             problems.add_unknown("map", f"unknown column {shown(target)}", target, names, known_ones, None)
         elif target in found:
-            problems.add(Problem("map", f"{target} is given twice", "give it once"))
+            problems.wrong("map", f"{target} is given twice", "give it once")
         if not name:
-            problems.add(Problem("map", f"{target} has no column", "name the table's column after the ="))
+            problems.wrong("map", f"{target} has no column", "name the table's column after the =")
         if unit is not None and unit not in {*LENGTHS, *ANGLES}:
             remedy = "give one of " + ", ".join([*LENGTHS, *ANGLES])
-            problems.add(Problem("map", f"{target} has the unknown unit {shown(unit)}", remedy))
+            problems.wrong("map", f"{target} has the unknown unit {shown(unit)}", remedy)
         found[target] = ColumnSource(name, unit)
     problems.raise_any(YOUR_DATA)
     return found

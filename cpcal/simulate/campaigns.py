@@ -21,10 +21,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.common.errors import InputError, refuse
-from cpcal.common.values import LARGEST, Floats
+from cpcal.common.values import LARGEST, ArrayLike, Floats, norms
 from cpcal.robot import (
     DELTALAB,
     Campaign,
@@ -500,7 +499,7 @@ _ROUNDS = 10  # of clearance sides and poses in turn
 
 
 def assembled_with(
-    robot: Robot, mechanisms: Mechanisms, readings: Floats, ideal: Pose, approach: npt.ArrayLike = 1.0
+    robot: Robot, mechanisms: Mechanisms, readings: Floats, ideal: Pose, approach: ArrayLike = 1.0
 ) -> Pose:
     """The poses (K) of a robot with these mechanisms whose sensors read `readings`, (K, 6) mm.
 
@@ -527,7 +526,7 @@ def assembled_with(
     return pose
 
 
-def clearance_sides(robot: Robot, mechanisms: Mechanisms, pose: Pose, approach: npt.ArrayLike = 1.0) -> Floats:
+def clearance_sides(robot: Robot, mechanisms: Mechanisms, pose: Pose, approach: ArrayLike = 1.0) -> Floats:
     """+1 where a leg is drawn out of its clearance (tension), -1 where it is pushed into it, (K, n).
 
     Statics of the platform alone, whose weight acts at the mean of its joint centres along -z of the base frame: the
@@ -548,8 +547,8 @@ def leg_gaps(robot: Robot, mechanisms: Mechanisms, readings: Floats, pose: Pose,
     # The second axis of the lower joint stands at right angles to the first axis e and to the leg, so that e, common
     # normal and leg lie in one plane: the normal is the part of the leg across e, as a unit vector.
     across = leg - np.sum(leg * mechanisms.base_axis, axis=-1, keepdims=True) * mechanisms.base_axis
-    leg = leg - mechanisms.base_offset[:, None] * across / np.linalg.norm(across, axis=-1, keepdims=True)
-    length = np.linalg.norm(leg, axis=-1)
+    leg = leg - mechanisms.base_offset[:, None] * across / norms(across)[..., None]
+    length = norms(leg)
     sine_squared = (leg[..., 0] ** 2 + leg[..., 1] ** 2) / length**2
     read = readings - mechanisms.joint_error * joint_effect(robot, pose, mechanisms.joint_phase)
     reference = mechanisms.reference

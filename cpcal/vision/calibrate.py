@@ -10,15 +10,14 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.common.errors import CpcalError, InputError, printable
 from cpcal.common.files import StrPath
 from cpcal.common.least_squares import Blocks, least_squares
-from cpcal.common.values import Bools, Floats, Ints
+from cpcal.common.values import AnyArray, Bools, Floats, Ints, norms
 from cpcal.robot import Pose
 from cpcal.vision.camera import CAMERA_NUMBERS, Camera
 from cpcal.vision.files.image_file import read_image
@@ -131,7 +130,7 @@ def robust_fit(fit: CameraFit) -> CameraFit:
             fit.deviations, fit.blocks, fit.state, tolerance=_SETTLED, moved=State.moved, steps=_STEPS
         )
         fit = replace(fit, state=found.at, settled=found.settled)
-        off = np.where(fit.used, np.linalg.norm(fit.deviations(), axis=2), np.nan)
+        off = np.where(fit.used, norms(fit.deviations()), np.nan)
         medians = np.nanmedian(off, axis=1) / _MEDIAN
         views = medians >= max(_VIEW_LIMIT * max(float(np.median(medians)), _SCALE_MIN), medians.max())
         scale = max(float(np.nanmedian(off)) / _MEDIAN, _SCALE_MIN)
@@ -305,7 +304,7 @@ def _enough(count: int, reasons: dict[int, str], views: list[TargetView]) -> Non
 # ------------------------------------------------------------------------------------------------------------------
 # The camera from images of a target: points, identified without a camera first, calibration.
 
-Image = StrPath | npt.NDArray[Any]
+Image = StrPath | AnyArray
 
 
 def calibrate_from_images(images: Sequence[Image], target: Target) -> Calibration:

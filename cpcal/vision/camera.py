@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.common.errors import shown, unusable
-from cpcal.common.values import Floats, Value, freeze
+from cpcal.common.values import ArrayLike, Floats, Value, floats, freeze, norms
 from cpcal.solver.compiled import compiled
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -202,25 +201,25 @@ class Camera(Value):
         """The same image size and model, other numbers. Raises InputError when they make no camera."""
         return Camera(self.width, self.height, numbers[:2], numbers[2:4], numbers[4:], self.model)
 
-    def project(self, points: npt.ArrayLike) -> Floats:
+    def project(self, points: ArrayLike) -> Floats:
         """Pixels (..., 2) of points (..., 3) mm in the camera frame, Z > 0."""
-        p = np.asarray(points, np.float64)
+        p = floats(points)
         return self.pixels(p[..., :2] / p[..., 2:])
 
-    def pixels(self, normalised: npt.ArrayLike) -> Floats:
+    def pixels(self, normalised: ArrayLike) -> Floats:
         """Pixels (..., 2) of the directions (x, y, 1), given as (..., 2)."""
         return self.center + self.focal * self.jets(normalised)[..., :2]
 
-    def jets(self, normalised: npt.ArrayLike) -> Floats:
+    def jets(self, normalised: ArrayLike) -> Floats:
         """d with its derivatives up to the second, (..., 2) -> (..., JET), see `jet`."""
         points = np.array(normalised, np.float64, order="C")
         out = np.empty((*points.shape[:-1], JET))
         jets(self.packed[4:], points.reshape(-1, 2), out.reshape(-1, JET))
         return out
 
-    def normalised(self, pixels: npt.ArrayLike) -> Floats:
+    def normalised(self, pixels: ArrayLike) -> Floats:
         """The directions (..., 2) that pixels (..., 2) show, by Newton's method; nan where there is none nearby."""
-        wanted = np.ascontiguousarray((np.asarray(pixels, np.float64) - self.center) / self.focal)
+        wanted = np.ascontiguousarray((floats(pixels) - self.center) / self.focal)
         found = np.empty(wanted.shape)
         unbent(self.packed[4:], wanted.reshape(-1, 2), found.reshape(-1, 2))
         return found
@@ -263,8 +262,8 @@ def implausible(camera: Camera) -> list[tuple[str, str, str]]:
         what = "center {:g}, {:g} is far from the image".format(*camera.center)
         out.append(("center", what, "give cx and cy in pixels from the centre of the top-left pixel"))
     if not out:  # how far the pixels' directions are from where a camera without distortion sees them
-        plain = np.linalg.norm((camera.spread - camera.center) / camera.focal, axis=1)
-        seen = np.linalg.norm(camera.normalised(camera.spread), axis=1)
+        plain = norms((camera.spread - camera.center) / camera.focal)
+        seen = norms(camera.normalised(camera.spread))
         with np.errstate(invalid="ignore"):
             near = (seen <= _STRETCH * plain) & (plain <= _STRETCH * seen)
     if not out and near.mean() < _SHARE:

@@ -32,12 +32,11 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 from scipy.special import bdtrc
 
 from cpcal.common.errors import CpcalError
-from cpcal.common.values import Bools, Floats, Ints
+from cpcal.common.values import ArrayLike, Bools, Floats, Ints, floats, norms
 from cpcal.robot import Pose, transformed
 from cpcal.solver.compiled import compiled
 from cpcal.vision.camera import Camera
@@ -157,7 +156,7 @@ def lattices(points: Floats, off: float = _OFF) -> Iterator[Lattice]:
     near = np.asarray(cKDTree(points).query(points, count)[1])[:, 1:]
     arms = points[near] - points[:, None]
     length = np.hypot(*np.moveaxis(arms, -1, 0))
-    apart = np.linalg.norm(arms[:, :, None] + arms[:, None], axis=3) / np.maximum(length, 1e-300)[:, :, None]
+    apart = norms(arms[:, :, None] + arms[:, None]) / np.maximum(length, 1e-300)[:, :, None]
     apart[:, *np.tril_indices(count - 1)] = np.inf
     opposite, best = apart.argmin(axis=2), apart.min(axis=2)  # of each arm the one that is most nearly opposite
     anchors, taken = np.argsort(np.sort(best, axis=1)[:, 1]), np.zeros(len(points), bool)
@@ -455,7 +454,7 @@ class Identification:
 
 
 def identify(
-    centers: npt.ArrayLike,
+    centers: ArrayLike,
     target: Target,
     camera: Camera | None = None,
     *,
@@ -474,7 +473,7 @@ def identify(
 
     Raises Unidentified with the reason. Centres that are not finite count as false dots.
     """
-    pixels = np.asarray(centers, np.float64).reshape(-1, 2)
+    pixels = floats(centers).reshape(-1, 2)
     usable = np.flatnonzero(np.isfinite(pixels).all(axis=1))
     _check_count(len(usable), target)
     best, reason = None, "no grid of the target was recognised among the dots"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cpcal.common.errors import CpcalError, InputError
-from cpcal.common.values import Floats, Indices, Ints
+from cpcal.common.values import Floats, Indices, Ints, floats
 from cpcal.robot import Pose
 from cpcal.vision.camera import Camera
 from cpcal.vision.dots import Dots, nothing, populations, refitted
@@ -170,7 +170,7 @@ def board_points(image: object, target: Target) -> tuple[Dots, Identification]:
 def _chessboard(grey: Any, board: Board) -> tuple[Floats, Ints]:
     cv2 = opencv()
     found, corners = cv2.findChessboardCornersSB(grey, (board.columns, board.rows), flags=cv2.CALIB_CB_ACCURACY)
-    centers = np.asarray(corners, np.float64).reshape(-1, 2) if found else np.zeros((0, 2))
+    centers = floats(corners).reshape(-1, 2) if found else np.zeros((0, 2))
     return centers, np.arange(len(centers))
 
 
@@ -186,7 +186,7 @@ def _coded(grey: Any, board: Board) -> tuple[Floats, Ints]:
         corners, ids, _ = aruco.ArucoDetector(dictionary, parameters).detectMarkers(grey)
     if ids is None or not len(ids):
         return np.zeros((0, 2)), np.zeros(0, np.int64)
-    ids, centers = np.asarray(ids, np.int64).ravel(), np.asarray(corners, np.float64).reshape(-1, 2)
+    ids, centers = np.asarray(ids, np.int64).ravel(), floats(corners).reshape(-1, 2)
     if board.kind == "charuco":
         return centers, ids
     mine = np.repeat(ids < board.columns * board.rows, 4)

@@ -6,10 +6,9 @@ import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.common.errors import refuse, unusable
-from cpcal.common.values import Floats, Ints, Value, freeze
+from cpcal.common.values import ArrayLike, Floats, Ints, Value, floats, freeze, norms
 
 MOST_DOTS = 500  # what identification takes grows with the square, and with symmetries faster
 LARGEST = 1e6  # mm: of coordinates and radii
@@ -57,7 +56,7 @@ class Target(Value):
             raise unusable("target dots", f"are {len(self.dots):,}", f"give at most {MOST_DOTS}")
         if self.board and len(Board.parsed(self.board).dots) != len(self.dots):
             raise unusable("target board", f"{self.board} has not {len(self.dots)} dots", "give the board's, in order")
-        wrong, distances = [], np.linalg.norm(self.dots[:, None] - self.dots, axis=2)
+        wrong, distances = [], norms(self.dots[:, None] - self.dots)
         for i, j in np.argwhere(np.triu(distances <= 2.0 * self.radius, 1))[:_TOLD].tolist():
             apart = f"{distances[i, j]:g} mm apart and overlap" if distances[i, j] else "in the same place"
             remedy = "give each dot once, farther apart than its diameter"
@@ -82,12 +81,17 @@ class Target(Value):
 
 
 def two_diagonals(
-    name: str, first: npt.ArrayLike, second: npt.ArrayLike, side: float, pitch: float, radius: float
+    name: str,
+    first: ArrayLike,
+    second: ArrayLike,
+    side: float,
+    pitch: float,
+    radius: float,
 ) -> Target:
     """Dots at signed distances (mm) from the middle along the diagonals y = x and y = -x, and on a square grid
     (`pitch`, up to side / 2 from the middle) wherever no diagonal is nearer than 0.6 of the pitch."""
     turn = np.sqrt(0.5)
-    up, down = np.asarray(first, np.float64) * turn, np.asarray(second, np.float64) * turn
+    up, down = floats(first) * turn, floats(second) * turn
     steps = int(side // pitch) + 1
     ticks = (np.arange(steps) - 0.5 * (steps - 1)) * pitch
     grid = [(x, y) for y, x in itertools.product(ticks, ticks) if min(abs(x - y), abs(x + y)) * turn >= 0.6 * pitch]

@@ -114,7 +114,7 @@ def test_lines_that_no_journal_holds_are_dropped(tmp_path, one_image):
 
 def test_pipes_and_devices_are_no_journals(no_file, tmp_path):
     (tmp_path / "images").mkdir()
-    with pytest.raises(InputError, match="is not a journal"):
+    with pytest.raises(InputError, match="it is no regular file"):
         detect(ImageFolder(tmp_path / "images"), DELTALAB_TARGET, DELTALAB_CAMERA, journal=no_file("journal"))
 
 
@@ -123,7 +123,7 @@ def test_a_link_to_nothing_is_an_image_with_a_reason(tmp_path):
     journal = tmp_path / "journal"
     for measured in (1, 0):
         found = detect(ImageFolder(tmp_path), DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=journal)
-        assert [row.reason for row in found.rows] == ["cannot be read: No such file or directory"]
+        assert [row.reason for row in found.rows] == ["does not exist"]
         assert found.measured == measured
 
 

@@ -18,7 +18,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -37,7 +37,7 @@ from cpcal.vision.files.image_file import image_files, image_path, read_image
 from cpcal.vision.files.plate_and_camera import CameraRecord, camera_bytes, target_bytes
 from cpcal.vision.identify import SIDES
 from cpcal.vision.measure import REFUSED, MeasuredImage, measure_pose, reason_of
-from cpcal.vision.opencv import MissingExtraError, opencv
+from cpcal.vision.opencv import Grey, MissingExtraError, opencv
 from cpcal.vision.target import Target
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -121,7 +121,7 @@ def journal_of(
     content = small_file(path, "choose another file", most=SIZE_MAX) if os.path.exists(path) else b""
     first, *rest = content.decode(errors="surrogateescape").splitlines() or [""]
     if first and not first.startswith(head[: head.index("/")]):
-        raise unusable(str(path), "is not a journal of `cpcal image detect`", "choose another file")
+        raise unusable(path, "is not a journal of `cpcal image detect`", "choose another file")
     for line in rest if first == head else ():
         try:
             data = json.loads(line)
@@ -164,7 +164,7 @@ class ImageFolder:
             return "absent"
         return f"{stat.st_size}-{stat.st_mtime_ns}"
 
-    def read(self, name: str) -> np.ndarray[Any, np.dtype[Any]]:
+    def read(self, name: str) -> Grey:
         """Raises UnreadableImageError."""
         return read_image(image_path(self.folder, name), self.size)
 

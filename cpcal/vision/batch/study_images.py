@@ -10,10 +10,9 @@ from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.common.errors import InputError, Problem, unusable
-from cpcal.common.values import Floats
+from cpcal.common.values import ArrayLike, Floats
 from cpcal.robot import Pose, PoseTable, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.batch.detect import (
     POSITION,
@@ -111,7 +110,7 @@ def _written(images: RenderedImages, folder: Path, names: Sequence[str]) -> int:
     return len(names)
 
 
-def study_table(detections: Sequence[Detection], readings: Mapping[tuple[str, str], npt.ArrayLike]) -> PoseTable:
+def study_table(detections: Sequence[Detection], readings: Mapping[tuple[str, str], ArrayLike]) -> PoseTable:
     """Poses from images and leg readings (n,) mm by pose and run, joined: one row for each image with a pose, and the
     deviations of the errors that all of them share, where camera or target have a covariance.
 

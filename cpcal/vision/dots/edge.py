@@ -13,12 +13,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.values import Floats
+from cpcal.common.values import AnyArray, Floats
 from cpcal.solver.compiled import compiled
 from cpcal.vision.opencv import Grey
 from cpcal.vision.pose import solved
@@ -362,10 +361,10 @@ class Edges:
     variance: Floats
     odd: Floats
 
-    def kept(self, members: npt.NDArray[Any]) -> Edges:
+    def kept(self, members: AnyArray) -> Edges:
         return Edges(*(getattr(self, field.name)[members] for field in fields(self)))
 
-    def replaced(self, members: npt.NDArray[Any], others: Edges) -> Edges:
+    def replaced(self, members: AnyArray, others: Edges) -> Edges:
         """With `others` in the place of its `members`."""
         arrays = [getattr(self, field.name).copy() for field in fields(self)]
         for array, field in zip(arrays, fields(self), strict=True):

@@ -11,12 +11,10 @@ import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from cpcal.common.values import Bools, Floats, freeze
+from cpcal.common.values import AnyArray, Bools, Floats, freeze, norms
 from cpcal.vision.dots.edge import LINEAR, OUTSIDE, PLAIN, Edges, fitted_edges
 from cpcal.vision.dots.segmentation import (
     Spots,
@@ -259,7 +257,7 @@ def populations(image: object, *, bright: bool | None) -> Iterator[Dots]:
         grey = halved(grey)
 
 
-def refitted(image: object, dots: Dots, members: npt.NDArray[Any]) -> Dots:
+def refitted(image: object, dots: Dots, members: AnyArray) -> Dots:
     """The dots with those `members` fitted again under the light that they alone tell; the others stay.
 
     The light of a background's spots is not that of the plate, and would shift all dots of the target together. Where
@@ -339,7 +337,7 @@ def _dot_like(found: Spots, edges: Edges, noise: float, shape: tuple[int, ...]) 
         fullness = 1.0 - np.exp(-0.5 * (size / edges.blur) ** 2)  # of the contrast, in a dot's middle
         tests = (
             _quality(edges, noise) >= _QUALITY,
-            np.linalg.norm(edges.center - found.center, axis=1) < _MOVED * radius,
+            norms(edges.center - found.center) < _MOVED * radius,
             axes[:, 1] > _SLIMMEST * axes[:, 0],
             (edges.blur > _SHARPEST) & (edges.blur < axes[:, 1]),
             contrast * fullness > _NOISE * np.maximum(edges.noise, noise),

@@ -12,11 +12,10 @@ from functools import cached_property
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from cpcal.common.errors import unusable
-from cpcal.common.values import Bools, Floats
+from cpcal.common.values import AnyArray, Bools, Floats
 from cpcal.vision.opencv import Grey, Grey8, opencv
 from cpcal.vision.projection import eigenvalues, median
 
@@ -38,7 +37,7 @@ def grey_levels(image: object) -> Grey:
     if problem is not None:
         raise unusable("image", problem, _REMEDY)
     assert isinstance(image, np.ndarray)
-    pixels: npt.NDArray[Any] = image.astype(image.dtype.newbyteorder("="), copy=False)
+    pixels: AnyArray = image.astype(image.dtype.newbyteorder("="), copy=False)
     if pixels.ndim == 3:
         cv2 = opencv()
         pixels = pixels[..., 0] if pixels.shape[2] == 1 else pixels[..., :3]
@@ -132,7 +131,7 @@ def ellipses(outlines: Sequence[Any], width: int, height: int) -> tuple[Floats, 
     return origin + np.stack([x, y], axis=1), spread, keep
 
 
-Image = TypeVar("Image", bound=npt.NDArray[Any])
+Image = TypeVar("Image", bound=AnyArray)
 
 _NEIGHBOURS = 5  # the nearest by their centres: one of them is the nearest by its edge
 _WIDEST = 61  # neighbourhood in the half image, for dots of at most 45 pixels radius in the whole one
@@ -169,7 +168,7 @@ class Spots:
         """(n,) of the circle of the same area, pixels."""
         return 2.0 * (self.spread[:, 0, 0] * self.spread[:, 1, 1] - self.spread[:, 0, 1] ** 2) ** 0.25
 
-    def kept(self, keep: npt.NDArray[Any]) -> Spots:
+    def kept(self, keep: AnyArray) -> Spots:
         return Spots(self.center[keep], self.spread[keep], self.bright)
 
 

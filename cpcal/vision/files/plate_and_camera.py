@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from cpcal.common.documents import KeyPath, TomlReader, array, document, one_of, positive, text, truth, whole
-from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
+from cpcal.common.errors import InputError, Problems, shown, unusable
 from cpcal.common.files import StrPath, small_file, write_file
 from cpcal.common.values import Floats, Value, fill, freeze, frozen_mapping
 from cpcal.vision.camera import BROWN, CAMERA_NUMBERS, LENSES, PIXELS_MAX, Camera, implausible
@@ -60,19 +60,20 @@ class CameraRecord(Value):
 
     def __post_init__(self) -> None:
         fill(self, provenance=frozen_mapping(self.provenance))
-        problems = [Problem(f"camera {key}", what, remedy) for key, what, remedy in implausible(self.camera)]
+        problems = Problems()
+        for key, what, remedy in implausible(self.camera):
+            problems.wrong(f"camera {key}", what, remedy)
         if self.covariance is not None:
             freeze(self, "covariance")
             if what := _covariance_problem(self.covariance):
                 remedy = f"give the covariance of {', '.join(CAMERA_NUMBERS)}"
-                problems.append(Problem("camera covariance", what, remedy))
+                problems.wrong("camera covariance", what, remedy)
             if self.camera.model != BROWN:
                 what = f"covariance goes with a lens of the model {self.camera.model}"
-                problems.append(Problem("camera covariance", what, _ONLY_BROWN))
+                problems.wrong("camera covariance", what, _ONLY_BROWN)
         if self.rms is not None and not 0.0 <= self.rms < np.inf:
-            problems.append(Problem("camera rms", f"is {self.rms}", "give pixels, from 0"))
-        if problems:
-            raise InputError(problems)
+            problems.wrong("camera rms", f"is {self.rms}", "give pixels, from 0")
+        problems.raise_any()
 
 
 def _covariance_problem(matrix: Floats) -> str:
@@ -222,17 +223,17 @@ def yaml_document(path: Path, remedy: str) -> Any:
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         what = f"is no YAML: {getattr(error, 'problem', None) or error}"[:200]
-        raise unusable(str(path), what, remedy, None if mark is None else mark.line + 1) from None
+        raise unusable(path, what, remedy, None if mark is None else mark.line + 1) from None
 
 
 def camera_from_yaml(path: Path) -> Camera:
     """The camera in a file that OpenCV or ROS wrote. Raises one InputError with every problem."""
     problems, document = Problems(), yaml_document(path, _REMEDY)
     if not isinstance(document, dict):
-        raise unusable(str(path), "is no table of keys and values", _REMEDY)
+        raise unusable(path, "is no table of keys and values", _REMEDY)
 
     def wrong(what: str, remedy: str) -> None:
-        problems.add(Problem(str(path), what, remedy))
+        problems.wrong(path, what, remedy)
 
     sides = [document.get(f"image_{side}") for side in ("width", "height")]
     if not all(isinstance(side, str) and side.isdecimal() and 0 < float(side) <= PIXELS_MAX for side in sides):
@@ -243,11 +244,11 @@ def camera_from_yaml(path: Path) -> Camera:
     model = _model(document, distortion, wrong)
     problems.raise_any()
     if matrix.size != 9:
-        raise unusable(str(path), f"camera_matrix has {matrix.size} numbers", "give 3 x 3")
+        raise unusable(path, f"camera_matrix has {matrix.size} numbers", "give 3 x 3")
     fx, skew, cx, zero, fy, cy, *last = matrix.tolist()
     width, height = (int(side) for side in sides if side is not None)
     if not abs(skew) <= _SKEW * abs(fx) or zero or last != [0.0, 0.0, 1.0]:
-        raise unusable(str(path), "camera_matrix is not [fx 0 cx; 0 fy cy; 0 0 1]", "calibrate without skew")
+        raise unusable(path, "camera_matrix is not [fx 0 cx; 0 fy cy; 0 0 1]", "calibrate without skew")
     try:
         camera = Camera(width, height, np.array([fx, fy]), np.array([cx, cy]), distortion, model)
     except InputError as error:

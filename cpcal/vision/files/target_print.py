@@ -107,7 +107,7 @@ def print_target(target: Target, path: StrPath, paper: str | None = None) -> Non
     """
     file = Path(path)
     if file.suffix not in (".pdf", ".svg"):
-        raise unusable(str(file), "is neither a .pdf nor an .svg file", "name it so")
+        raise unusable(file, "is neither a .pdf nor an .svg file", "name it so")
     write_file(file, page_bytes(target, file.suffix[1:], paper))
 
 
