@@ -427,7 +427,7 @@ def _lower_end(
     elif eps_hi > _NOTHING and not study.uncertain:
         tried = [(most * (1.0 - share), groups) for share in _SHARES]
     elif eps_hi > _NOTHING:  # the image that fits worst by itself, then all together
-        least, k = max((error, k) for k, error in least_errors(study, best).items())
+        least, k = max(least_errors(study, best))
         least = min(most, least)
         tried = [(least * (1.0 - share), [[k]]) for share in _NEAR]
         tried += [(least + share * (most - least), groups) for share in _BETWEEN if most > least * 1.001]
@@ -461,12 +461,13 @@ def _refuted(
     return found
 
 
-def least_errors(study: HandEyeStudy, best: ReadFrames) -> dict[int, float]:
-    """By image, about the least error in px that its pixels allow with any pose of the target; found near `best`."""
-    there, found = study.exactly(best.readings), {}
+def least_errors(study: HandEyeStudy, best: ReadFrames) -> list[tuple[float, int]]:
+    """About the least error in px that the pixels of each image allow with any pose of the target, found near `best`,
+    and its number."""
+    there, found = study.exactly(best.readings), []
     for k in image_poses(study)[0]:
         model = PixelModel(there.part(np.array([k])))
-        found[k] = minimax_fit(model, model.stated(best.frames), restarts=1)[1]
+        found.append((minimax_fit(model, model.stated(best.frames), restarts=1)[1], k))
     return found
 
 

@@ -82,28 +82,27 @@ class LegVerdict(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        return f"{self._said()} {self.not_compared}".rstrip()
-
-    def _said(self) -> str:
+        at = f"{stated(self.tolerance or 0.0)} mm"
         if self.kind == "undetermined":
             but = "so many very different parameters may fit" if self.wide else "which is no test of the model"
             fits = "" if math.isinf(self.hi) else f" Some parameters fit {_within(self.hi)}, {but}."
-            return self.reason + fits
-        if self.beyond is not None:
+            said = self.reason + fits
+        elif self.beyond is not None:
             asked = f"to within {stated(self.beyond)} mm" if self.beyond else _within(0.0)
-            return f"No parameters fit {asked}."
-        if self.tolerance is None:
+            said = f"No parameters fit {asked}."
+        elif self.tolerance is None:
             fits = "" if math.isinf(self.hi) else f"; some parameters fit {_within(self.hi)}"
-            return f"The leg {self.thresholds}{fits}."
-        at = f"{stated(self.tolerance)} mm"
-        if self.kind in ("explained", "uncompared"):
+            said = f"The leg {self.thresholds}{fits}."
+        elif self.kind in ("explained", "uncompared"):
             right = f"to within {plain_side(at_most, self.largest, self.tolerance)} mm at every measured pose"
-            return (
+            said = (
                 f"Pass at {at}: the recommended parameters are right {right}, whatever the readings in their sets are."
             )
-        if self.kind == "unexplained":
-            return f"Fail at {at}: no parameters in the box are right to within it, whatever the readings are."
-        return f"Undecided at {at}: it {self.thresholds}."
+        elif self.kind == "unexplained":
+            said = f"Fail at {at}: no parameters in the box are right to within it, whatever the readings are."
+        else:
+            said = f"Undecided at {at}: it {self.thresholds}."
+        return f"{said} {self.not_compared}".rstrip()
 
     @property
     def reason(self) -> str:
