@@ -6,15 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from cpcal.questions import LegBracket, LegResult, Recommended, Work
-from cpcal.robot import (
-    Pose,
-    PoseTable,
-    Study,
-    Truth,
-    compose,
-    inverse,
-    pose_jacobian,
-)
+from cpcal.robot import Pose, PoseTable, Study, Truth, compose, inverse, pose_jacobian
 from cpcal.simulate.campaigns import streams
 
 

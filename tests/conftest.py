@@ -35,7 +35,7 @@ LONG = """
     test_commands.py questions/test_compare.py models/test_pose_set_forgeries.py models/test_pose_set.py
     cli/test_images.py benchmarks/test_damaged_runs.py questions/test_certify_robust.py questions/test_resumed.py
     questions/test_data_check.py checker/forged/test_fuzz.py models/test_robot_study.py
-    calibration/test_study_calibration.py solver/test_minimum_checkpoint.py checker/valid/test_rule.py
+    calibration/test_study_calibration.py solver/test_checkpoints.py checker/valid/test_rule.py
     report/test_browser.py solver/execution/test_cluster.py questions/test_many_campaigns.py cli/test_every_key.py
     cli/test_process.py vision/test_world.py solver/test_compiled.py checker/forged/test_checker_run.py
     models/test_pose_certificate.py checker/forged/test_forged.py vision/test_identify.py cli/test_verbs.py

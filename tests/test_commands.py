@@ -28,10 +28,10 @@ ELSEWHERE = {  # what needs files that a page does not make, or an installed pac
     "image": "tests/vision, tests/cli/test_images.py, tests/cli/test_pose_sets.py",
     "verify sets": "tests/cli/test_pose_sets.py",
     "accuracy": "tests/questions/test_accuracy.py",
-    "import": "tests/cli/test_import.py, tests/test_your_data.py",
+    "import": "tests/cli/test_import.py, tests/test_documentation.py",
     "solve": "tests/problems",
     "certify campaign -o run --model stretched": "tests/models/test_leg_models.py",
-    "report run": "tests/cli/test_report.py",
+    "report run": "tests/cli/test_accuracy_verb.py",
 }
 
 

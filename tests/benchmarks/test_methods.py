@@ -1,4 +1,4 @@
-"""The methods ask what they should: formulations against the equations, peers against cpcal where there are any."""
+"""The methods ask what they should, peers against cpcal where there are any; classic problems agree with the books."""
 
 import numpy as np
 import pytest
@@ -7,6 +7,7 @@ from benchmarks.methods import TaskQuestion, method
 from benchmarks.methods.peers import AB, BB, COLUMNS, OFFSET, A, B, Q, rows
 from benchmarks.problems import Leg, problem
 from benchmarks.runs import MINIMISE, MethodAnswer, Task
+from benchmarks.solver_problems import PROBLEMS, literature, page, run
 from cpcal.models import model_residuals
 
 BEST = 0.5042169  # mm, eps* of the leg, rounded down
@@ -59,3 +60,16 @@ def test_solvers_agree_where_they_are_installed(name: str) -> None:
     assert found.figures["lo"] == pytest.approx(BEST, rel=1e-5)
     assert ask(name, "refute-0.9", 0.9 * BEST).answered
     assert not ask(name, "refute-0.9", 1.1 * BEST, 5.0).answered
+
+
+def test_each_problem_has_its_entry_from_the_literature() -> None:
+    assert sorted(path.stem for path in PROBLEMS.glob("*.bch")) == sorted(literature())
+    assert len(literature()) >= 40
+
+
+@pytest.mark.parametrize("name", ["himmelblau_gradient", "kin1", "no_real_solution", "hs071", "branin", "ex7_2_1"])
+def test_a_problem_agrees_with_the_literature(name: str) -> None:
+    row = run(name, 600.0)
+    assert row.complete, row
+    assert row.name in page([row], 600.0)
+    assert "Misses: none" in page([row], 600.0)

@@ -6,16 +6,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import mutants_of_code
-from benchmarks.mutants_of_code import (
-    Mutant,
-    MutantError,
-    Outcome,
-    main,
-    misplaced,
-    outcome,
-    read,
-    unchanged_failures,
-)
+from benchmarks.mutants_of_code import Mutant, MutantError, Outcome, main, misplaced, outcome, read, unchanged_failures
 
 SMALLER = Mutant("ends", "room", "x <= 1", "x < 1", "an end is not compared", "tests/test_ends.py -k at_the_end")
 

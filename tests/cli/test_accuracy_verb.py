@@ -1,6 +1,7 @@
-"""`cpcal accuracy` from a run on disk to its page; what it cannot use it refuses before it works."""
+"""`cpcal accuracy` and `cpcal report` from a run on disk to its page; what they cannot use they refuse."""
 
 import dataclasses
+import shutil
 
 import pytest
 
@@ -9,6 +10,7 @@ from cpcal.checker.command import main
 from cpcal.questions.accuracy import load_accuracy, save_accuracy
 from cpcal.simulate import simulate
 from tests.cli.command import done, refused
+from tests.remembered import verify_once
 
 ERROR = 0.02  # mm: the joint error's amplitude, so the assumption holds
 
@@ -56,3 +58,31 @@ def test_a_damaged_certificate_of_the_run_is_refused(folder):
     said = refused(*asked(folder, "--poses", folder / "poses.csv"))
     path.write_text(kept)
     assert "is refused" in said
+
+
+@pytest.fixture
+def copy(genuine, small, tmp_path, monkeypatch):
+    """A folder of campaign/ and run/, as the demo leaves them."""
+    verify_once(monkeypatch)  # no process begins
+    shutil.copytree(genuine, tmp_path / "run")
+    shutil.copytree(small, tmp_path / "campaign")
+    return tmp_path
+
+
+def test_the_page_is_written_where_one_says_from_the_run_alone(copy, tmp_path):
+    page, new = copy / "run" / "report.html", tmp_path / "new" / "page.html"
+    before = page.read_bytes()
+    page.unlink()
+    done("report", copy / "run", "-o", new)
+    assert new.read_bytes() == before
+    assert not page.exists()
+    done("report", copy / "run")
+    (copy / "run" / "campaign.json").unlink()
+    assert "campaign.json" in refused("report", copy / "run")
+
+
+def test_no_run_and_no_file(copy):
+    assert "holds neither result.json nor a certificate" in refused("report", copy / "campaign")
+    assert "is a folder" in refused("report", copy / "run", "-o", copy)
+    within = copy / "run" / "result.json" / "page.html"
+    assert "page.html: cannot be written" in refused("report", copy / "run", "-o", within)

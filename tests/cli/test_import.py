@@ -1,4 +1,4 @@
-"""`cpcal import` and `cpcal robot`: from a tracker's log to a campaign. (tests/test_your_data.py goes on to a page.)"""
+"""`cpcal import` and `cpcal robot`: from a tracker's log to a campaign. (tests/test_documentation.py goes on.)"""
 
 import json
 import re

@@ -1,6 +1,7 @@
-"""krawczyk and beaumont: examples from the literature, what no polyhedron may lose, and what lifted does, too."""
+"""krawczyk, beaumont and newton: the literature's examples, what no polyhedron may lose, what lifted does, too."""
 
 import itertools
+import time
 from fractions import Fraction
 
 import numpy as np
@@ -9,8 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contractors import Beaumont, Krawczyk
+from contractors import HC4, Beaumont, Krawczyk, Newton
 from contractors.krawczyk import IntervalRows, beaumont, inequalities, krawczyk
+from cpcal.solver.contract import Repeat
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, evaluate, maximum, minimum, sqr, sqrt
 
@@ -105,3 +107,28 @@ def test_never_loses_a_point_that_touches_its_constraints(kind: str, seed: int) 
     net.add(expr.within((-np.inf, here.hi) if rng.random() < 0.5 else (here.lo, here.hi)))
     found = KINDS[kind](net).contract(net.domain)
     assert point in found.box
+
+
+def circle_and_parabola() -> ConstraintNetwork:
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (-3, 3)), net.variable("y", (), (-3, 3))
+    net.add([sqr(x) + sqr(y) == 4, y == sqr(x) - 1])
+    return net
+
+
+def test_a_zero_in_one_call_where_hc4_is_stuck() -> None:
+    """Two curves that cross at right angles, neither along an axis, at (1, 1)."""
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (0.5, 1.5)), net.variable("y", (), (0.5, 1.5))
+    net.add([10 * x + 10 * y + x * y == 21, 10 * x - 10 * y + sqr(x) - sqr(y) == 0])
+    assert Repeat(HC4(net), 0.999).contract(net.domain).box.width.min() > 0.9
+    box = Newton(net).contract(net.domain).box
+    assert (1.0, 1.0) in box
+    assert box.width.max() < 1e-14
+
+
+def test_after_the_deadline_boxes_stay_as_they_are() -> None:
+    net = circle_and_parabola()
+    near = Box(net.names, [1.2, 1.2], [1.6, 1.4])
+    assert Newton(net).contract(near, time.monotonic()).box == near
+    assert Newton(net).contract(near).box.width.max() < 1e-12

@@ -1,4 +1,4 @@
-"""lifted: its matrices against exact fractions, and what it must do that hc4 cannot."""
+"""lifted: its matrices against exact fractions, its half-spaces, and what it must do that hc4 cannot."""
 
 from fractions import Fraction
 from itertools import combinations_with_replacement
@@ -9,8 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contractors import Lifted
+from contractors.lifted import Directions, over_box
 from contractors.relaxation import CentredRows, Shift, column_bounds, product_rows
-from cpcal.solver.interval import IntervalArray
+from cpcal.models import fit_model, leg_box, leg_network, model_residuals
+from cpcal.simulate import simulate
+from cpcal.solver.interval import Box, IntervalArray
+from cpcal.solver.linear import Dense, LinearSolution, LinearStatus
 from cpcal.solver.network import ConstraintNetwork, norm, sqrt
 from cpcal.solver.network.polynomial import Monomial
 
@@ -85,3 +89,99 @@ def test_rows_made_before_are_used_again_only_where_the_same_ends_of_the_reading
         one, other = reused.contract(box).box, Lifted(net).contract(box).box
         np.testing.assert_array_equal(one.lo, other.lo)
         np.testing.assert_array_equal(one.hi, other.hi)
+
+
+def dot(direction, point):
+    return sum(Fraction(d) * Fraction(x) for d, x in zip(direction, point, strict=True))
+
+
+def holds(directions, bounds, point):
+    """Whether every half-space holds a point, decided over the rationals wherever float64 could be wrong."""
+    directions, bounds, point = np.asarray(directions), np.asarray(bounds), np.asarray(point)
+    doubt = 1e-12 * (np.abs(directions) @ np.abs(point)) + 1e-300
+    near = np.flatnonzero(directions @ point + doubt > bounds)
+    return all(dot(directions[k], point) <= Fraction(bounds[k]) for k in near)
+
+
+def strip():
+    """Two unknowns whose sum is known a hundred times better than either, on a disc."""
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
+    net.add([(x + y).within((-0.01, 0.01)), x * x + y * y <= 2])
+    return net
+
+
+def test_a_strip_is_much_thinner_than_its_box() -> None:
+    net = strip()
+    lifted = Lifted(net)
+    box = lifted.contract(net.domain).box
+    directions = np.array([[1.0, 1.0], [-1.0, -1.0], [1.0, 0.0], [1.0, -1.0], [0.0, 0.0]])
+    bounds = lifted.support_function(box, directions)
+    assert 0.01 <= bounds[0] < 0.0100001
+    assert 0.01 <= bounds[1] < 0.0100001
+    assert bounds[2] <= box.hi[0] + 1e-12
+    assert 2.0 <= bounds[3] < 2.5
+    assert 0.0 <= bounds[4] < 1e-300
+    assert holds(directions, bounds, (1.0, -1.0))
+    assert holds(directions, bounds, (-0.5, 0.5))
+
+
+@settings(max_examples=2, deadline=None)
+@given(seed=SEEDS)
+def test_they_hold_every_sampled_solution_of_a_leg(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    campaign = simulate(seed=int(rng.integers(1000)), joint_error=1.0, factor=0.0, random_poses=12, extremal=False)
+    leg, eps = int(rng.integers(1, 7)), 10.0 ** rng.uniform(-1, 1.5)
+    center = fit_model(campaign, leg)
+    eps += float(np.abs(model_residuals(campaign, leg, center)).max())
+    net = leg_network(campaign, leg, leg_box(center, 10.0 * eps), eps=(eps, eps))
+    directions = rng.normal(0, 1, (12, 8)) * 10.0 ** rng.uniform(-6, 6, (12, 1)) * rng.integers(0, 2, (12, 8))
+    bounds = Lifted(net).support_function(net.domain, directions)
+    assert (bounds <= over_box(net.domain, directions)).all()
+    near = center + eps * rng.normal(0, 1, (500, 7)) * 10.0 ** rng.uniform(-2, 0.3, (500, 1))
+    solved = [x for x in near if np.abs(model_residuals(campaign, leg, x)).max() < eps * (1 - 1e-9)]
+    for x in [center, *solved]:
+        point = np.append(x, eps)
+        assert point not in net.domain or holds(directions, bounds, point)
+
+
+def test_where_no_program_helps_the_box_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (-np.inf, 2)), net.variable("y", (), (-1, 3))
+    net.add(x * y <= 1)
+    directions = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [-1.0, 0.0]])
+    bounds = Lifted(net).support_function(net.domain, directions)
+    assert bounds[:3] == pytest.approx([2, 3, 5])
+    assert bounds[3] == np.inf
+
+    def failing(engine: Dense, objective: np.ndarray) -> LinearSolution:
+        return LinearSolution(LinearStatus.FAILED, np.zeros(len(objective)), np.zeros(0, np.intp), np.zeros(0))
+
+    monkeypatch.setattr(Dense, "minimize", failing)
+    bounded = net.domain.replace("x", lo=-5.0)
+    assert Lifted(net).support_function(bounded, directions) == pytest.approx([2, 3, 5, 5])
+
+
+@pytest.mark.parametrize("power", [-320, -300, 0, 290])
+def test_directions_of_any_size_lose_nothing(power: int) -> None:
+    """Against the box itself, whose coordinates u are all that the programs bound here."""
+    box = Box(("x", "y", "z"), [-3.0, 1e-9, 5.0], [7.0, 3e-9, 5.0])
+    direction = np.array([[0.1, -3e8, 1.0], [0.3, 1e-17, 0.7], [0.1, 1e-20, 1e-300]]) * 10.0**power
+    asked = Directions(box, {0: 1, 1: 0}, 2, direction)
+    found = asked.highest(-np.abs(asked.objectives).sum(axis=1) * (1 + 1e-15))
+    for d, bound in zip(direction, found, strict=True):
+        highest = sum(
+            max(Fraction(c) * Fraction(lo), Fraction(c) * Fraction(hi))
+            for c, lo, hi in zip(d, box.lo, box.hi, strict=True)
+        )
+        assert highest <= Fraction(bound)
+
+
+def test_of_an_empty_set_they_are_empty() -> None:
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
+    net.add([x * x + y * y <= 1, x + y >= 1.6])
+    lifted = Lifted(net)
+    assert (lifted.support_function(net.domain, np.eye(2)) == -np.inf).all()
+    assert (lifted.support_function(Box.empty(net.names), np.eye(2)) == -np.inf).all()
+    assert lifted.support_function(net.domain, np.zeros((0, 2))).shape == (0,)

@@ -1,11 +1,17 @@
-"""Logs are read whatever their separators, decimal signs, headers and comments; what is no table is refused by line."""
+"""Logs are read whatever their separators, headers and comments; no spreadsheet runs a name that we write."""
 
+import csv
+import io
+
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cpcal.common.documents import guarded, unguarded
 from cpcal.common.errors import InputError
-from cpcal.files import read_log
+from cpcal.files import load_campaign, read_log, save_campaign
+from cpcal.robot import DELTALAB, Campaign
 
 numbers = st.floats(-1e6, 1e6, allow_nan=False).map(lambda x: round(x, 6))
 
@@ -60,3 +66,24 @@ def test_rows_of_another_length_are_refused_by_line(tmp_path):
 def test_what_holds_no_measurements_is_refused(tmp_path, text):
     with pytest.raises(InputError, match="holds no rows of numbers"):
         read_log(written(tmp_path, text))
+
+
+RUN = "=+-@\uff1d\uff0b\uff0d\uff20"
+NAMES = ["=cmd|'calc'!A0", "+1", "-1", "@SUM(A1)", "'=a", "''+b", "'plain", "a=b", "\uff1dx", 'a,"b', "a b", "#", "'"]
+
+
+@given(st.text(alphabet="'=+-@ab \uff1d", max_size=6) | st.text(max_size=6))
+def test_every_name_comes_back_and_none_is_run(name):
+    assert unguarded(guarded(name)) == name
+    assert guarded(name)[:1] not in tuple(RUN)
+
+
+def test_pose_ids_that_a_spreadsheet_would_run_are_quoted(tmp_path):
+    count = len(NAMES)
+    poses = np.zeros((count, 3)), np.tile([1.0, 0, 0, 0], (count, 1)), -np.ones((count, 6))
+    campaign = Campaign.of(DELTALAB, *poses, pose=NAMES, run=NAMES[::-1], exact=True)
+    save_campaign(campaign, tmp_path)
+    rows = list(csv.reader(io.StringIO((tmp_path / "measurements.csv").read_text())))
+    assert all(cell[0] not in RUN for row in rows[1:] for cell in row[:2])
+    assert rows[1][9] == "-1.0"  # numbers stay numbers
+    assert load_campaign(tmp_path) == campaign

@@ -9,16 +9,7 @@ import pytest
 
 import cpcal
 from cpcal.files import campaign_sha256
-from cpcal.models import (
-    PLAIN,
-    ModelResiduals,
-    leg,
-    leg_box,
-    leg_model,
-    leg_network,
-    model_residuals,
-    model_statement,
-)
+from cpcal.models import PLAIN, ModelResiduals, leg, leg_box, leg_model, leg_network, model_residuals, model_statement
 from cpcal.models.leg import sag_shape
 from cpcal.robot import ModelChoice, Pose, leg_vectors, rotation_matrix
 from cpcal.solver.network import ConstraintNetwork, Tape, sqr

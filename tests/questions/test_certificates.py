@@ -1,15 +1,21 @@
-"""certify writes certificates: they prove exactly what the result says."""
+"""Certificates prove what the result says; a saved run holds its campaign; none is written that no check ends."""
 
+import shutil
 from collections.abc import Callable
 from fractions import Fraction as F
 from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
 import cpcal
-from cpcal.checker import Accepted, check, check_run
-from cpcal.questions import save_result
+from cpcal.checker import Accepted, certificate, check, check_run
+from cpcal.checker.files import Lines
+from cpcal.cli import app
+from cpcal.files import load_campaign_json
+from cpcal.questions import Uncertified, save_result
+from cpcal.solver.certificate import recording
 
 SMALL: dict[str, Any] = {"seed": 1, "extremal": False, "random_poses": 16}
 Asked = Callable[..., tuple[cpcal.LegResult, Path]]
@@ -86,3 +92,91 @@ def test_the_same_bytes_twice_and_for_one_leg_or_more(tmp_path: Path) -> None:
     assert written("one", [2]) == kept | {name: both[name] for name in of[2]}
     # an earlier run's certificates do not stay
     assert written("both", [1]) == kept | {name: both[name] for name in of[1]}
+
+
+CAMPAIGN = cpcal.simulate(seed=1, extremal=False, random_poses=8, joint_error=1.0, factor=0.0)
+
+
+@pytest.fixture(scope="module")
+def result():
+    return cpcal.certify(CAMPAIGN, legs=[1], delta=0.5, eps=5.0, support="none")
+
+
+def test_a_saved_run_needs_nothing_else_wherever_it_is_moved(result, tmp_path):
+    cpcal.save_result(result, tmp_path / "run", CAMPAIGN)
+    run = shutil.move(tmp_path / "run", tmp_path / "elsewhere")
+    assert cpcal.load_result(run) == result
+    assert load_campaign_json(run) == CAMPAIGN
+    assert CliRunner().invoke(app, ["report", str(run)]).exit_code == 0
+
+
+def test_a_result_is_not_saved_without_its_campaign(result, tmp_path):
+    with pytest.raises(cpcal.InputError, match=r"campaign\.json"):
+        cpcal.save_result(result, tmp_path / "run")
+    with pytest.raises(cpcal.InputError, match="another campaign"):
+        cpcal.save_result(result, tmp_path / "run", cpcal.simulate(seed=2))
+    assert not (tmp_path / "run").exists()
+    cpcal.save_result(result, tmp_path / "run", CAMPAIGN)
+    other = cpcal.certify(cpcal.simulate(seed=2), legs=[1], delta=0.5, eps=5.0, support="none")
+    with pytest.raises(cpcal.InputError, match="another campaign"):
+        cpcal.save_result(other, tmp_path / "run")
+    assert cpcal.load_result(tmp_path / "run") == result
+
+
+LOW = 100  # of work: less than any certificate of a leg takes
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return cpcal.simulate(seed=1, joint_error=1.0, factor=0.0, extremal=False, random_poses=12)
+
+
+def limited(monkeypatch, work):
+    monkeypatch.setattr(recording, "WORK", work)
+    monkeypatch.setattr(recording, "leg_work", lambda legs, measurements: work)
+
+
+@pytest.mark.parametrize("method", ["bound", "timeout"])
+def test_the_result_says_not_certified_instead(campaign, tmp_path, monkeypatch, method):
+    options = {"legs": [1], "delta": 0.5, "method": method, "time_limit": 5.0 if method == "timeout" else None}
+    limited(monkeypatch, LOW)
+    result = cpcal.certify(campaign, certificates=tmp_path, **options)
+    leg = result.legs[0]
+    assert leg.not_certified is Uncertified.UNCHECKABLE
+    assert not leg.certified
+    assert leg.bracket.hi < float("inf")
+    assert not list(tmp_path.glob("*.cert.jsonl"))
+
+
+def test_the_limit_is_that_of_the_checker(campaign, tmp_path, monkeypatch):
+    """What is written the checker affords, down to the last unit of work."""
+    whole = cpcal.certify(campaign, legs=[1], delta=0.5, certificates=tmp_path / "whole").legs[0]
+    spent = []
+
+    class Counted(Lines):
+        def spend(self, work):
+            spent.append(work)
+            super().spend(work)
+
+    monkeypatch.setattr(certificate, "Lines", Counted)
+    check(tmp_path / "whole" / whole.bracket.certificate)
+    for work, certified in ((sum(spent), True), (sum(spent) - 1, False)):
+        limited(monkeypatch, work)
+        leg = cpcal.certify(campaign, legs=[1], delta=0.5, certificates=tmp_path / str(work)).legs[0]
+        assert leg.certified is certified
+        assert (leg.bracket.lo, leg.bracket.hi, leg.bracket.point) == (
+            whole.bracket.lo,
+            whole.bracket.hi,
+            whole.bracket.point,
+        )
+
+
+def test_a_robust_bound_without_one_of_its_proofs_is_not_certified(campaign, tmp_path, monkeypatch):
+    limited(monkeypatch, LOW)
+    found = cpcal.certify(campaign, outliers=1, legs=[1], delta=0.5, certificates=tmp_path)
+    cpcal.save_result(found, tmp_path)
+    assert found.legs[0].bracket.lo > 0.0
+    (leg,) = check_run(tmp_path)
+    assert leg.refused is None
+    assert leg.robust is None
+    assert not list(tmp_path.glob("*.cert.jsonl"))

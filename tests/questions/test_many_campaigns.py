@@ -6,18 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cpcal import (
-    Box,
-    Campaign,
-    InputError,
-    LegResult,
-    PluginError,
-    Result,
-    Verdict,
-    certify,
-    simulate,
-    status_of,
-)
+from cpcal import Box, Campaign, InputError, LegResult, PluginError, Result, Verdict, certify, simulate, status_of
 from cpcal.common.values import Floats
 from cpcal.models import model_residuals
 from cpcal.questions import CampaignNote, Options

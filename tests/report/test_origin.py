@@ -14,7 +14,7 @@ from tests.changed import leg_with
 
 
 @pytest.fixture(scope="module")
-def campaign():
+def few_poses():
     return cpcal.simulate(seed=1, joint_error=1.0, factor=0.0, extremal=False, random_poses=14)
 
 
@@ -25,9 +25,9 @@ def campaign():
         {"legs": [3], "delta": 12.5, "center": "nominal", "gap": 1e-3, "contractors": ("hc4", "lifted")},
     ],
 )
-def test_the_command_repeats_the_run(campaign, tmp_path, asked):
-    result = cpcal.certify(campaign, certificates=tmp_path / "ours", ranges=True, **asked)  # as the command does
-    cpcal.save_campaign(campaign, tmp_path / "c")
+def test_the_command_repeats_the_run(few_poses, tmp_path, asked):
+    result = cpcal.certify(few_poses, certificates=tmp_path / "ours", ranges=True, **asked)  # as the command does
+    cpcal.save_campaign(few_poses, tmp_path / "c")
     places = {"CAMPAIGN": str(tmp_path / "c"), "RUN": str(tmp_path / "run")}
     words = [places.get(word, word) for word in shlex.split(command(result))]
     assert words.pop(0) == "cpcal"

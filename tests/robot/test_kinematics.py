@@ -1,4 +1,4 @@
-"""Inverse and forward kinematics against one another, and the assembly branch."""
+"""Robots: quaternions, inverse and forward kinematics against one another, the assembly branch, the catalogue."""
 
 import numpy as np
 import pytest
@@ -6,20 +6,31 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
+from cpcal.common.errors import InputError
 from cpcal.robot import (
     DELTALAB,
     KinematicsError,
     Pose,
+    PoseRange,
     Robot,
     central_pose,
     forward_kinematics,
     inverse_kinematics,
+    known_robot,
     leg_vectors,
     normalised,
     pose_jacobian,
     quaternion_from_rotation_vector,
     quaternion_product,
 )
+from cpcal.robot.kinematics import (
+    quaternion_conjugate,
+    quaternion_from_matrix,
+    rotation_matrix,
+    rotation_vector,
+    small_rotation,
+)
+from cpcal.simulate import simulate
 
 MIDDLE = np.full(6, 70.0)
 
@@ -87,3 +98,46 @@ def test_what_cannot_be_assembled_is_said_and_which():
 def test_senseless_readings_are_refused(readings, message):
     with pytest.raises(KinematicsError, match=message):
         forward_kinematics(DELTALAB, readings, centre())
+
+
+component = st.floats(-10, 10).map(lambda value: 0.0 if abs(value) < 1e-3 else value)
+quaternions = st.tuples(component, component, component, component).filter(any)
+
+
+@given(quaternions, quaternions)
+def test_products_compose_conjugates_are_inverse_and_matrices_come_back(p, q):
+    one, other = rotation_matrix(p), rotation_matrix(q)
+    assert_allclose(rotation_matrix(quaternion_product(p, q)), one @ other, atol=1e-13)
+    assert_allclose(rotation_matrix(quaternion_conjugate(q)), other.T, atol=1e-14)
+    back = quaternion_from_matrix(other)
+    assert back[0] >= 0
+    assert_allclose(rotation_matrix(back), other, atol=1e-13)
+
+
+@given(st.tuples(*[st.floats(-1.8, 1.8)] * 3))
+def test_rotation_vectors_come_back_and_small_rotations_are_theirs_up_to_a_twelfth_of_their_square(v):
+    v = np.array(v)
+    assert_allclose(rotation_vector(quaternion_from_rotation_vector(v)), v, atol=1e-13)
+    small = 1e-3 * v
+    assert_allclose(rotation_vector(small_rotation(small)), small * (1 - small @ small / 12), rtol=1e-9, atol=1e-300)
+
+
+def campaign_of(name, **options):
+    known = known_robot(name)
+    where = {"stroke": known.stroke} if known.workspace is None else {"workspace": known.workspace}
+    return simulate(known.robot, **where, **options)
+
+
+def test_what_a_planar_robot_cannot_do_is_fixed_and_exact():
+    campaign = campaign_of("planar-3rpr", seed=2, random_poses=30)
+    assert len(campaign) == 38
+    assert not campaign.position[:, 2].any()
+    assert not campaign.quaternion[:, 1:3].any()
+    assert np.array_equal(campaign.position_radius[0] > 0, [True, True, False])
+    assert np.array_equal(campaign.rotation_radius[0] > 0, [False, False, True])
+
+
+@pytest.mark.parametrize(("low", "turn"), [([2, 0, 0], [0, 0, 0]), ([0, 0, 0], [-1, 0, 0]), ([0, 0], [0, 0, 0])])
+def test_an_empty_workspace_is_refused(low, turn):
+    with pytest.raises(InputError, match="no box of poses"):
+        PoseRange(low, [1, 1, 1], turn)

@@ -1,21 +1,34 @@
-"""Folders of images to poses: the same table whatever the workers, nothing redone, a reason for every bad image."""
+"""One image or a folder of them to poses: the same whatever the workers, a reason for every image without a pose."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info
 
-pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
-
+from benchmarks.vision_scenes import degenerate_images, facing_poses, one, pose_error
 from cpcal.common.errors import InputError
 from cpcal.robot import Pose, quaternion_conjugate, quaternion_product, rotation_vector
 from cpcal.simulate import simulate_study
-from cpcal.vision.batch.detect import POSITION, QUATERNION, SIGMA, ImageFolder, detect, detections_bytes, values_of
+from cpcal.vision.batch.detect import (
+    POSITION,
+    QUATERNION,
+    SIGMA,
+    ImageFolder,
+    detect,
+    detections_bytes,
+    in_parallel,
+    values_of,
+)
 from cpcal.vision.batch.study_images import RenderedImages, camera_above
-from cpcal.vision.camera import DELTALAB_CAMERA
+from cpcal.vision.camera import DELTALAB_CAMERA, Camera
+from cpcal.vision.measure import NotMeasured, measure_pose
 from cpcal.vision.opencv import opencv
-from cpcal.vision.render import Scene
+from cpcal.vision.render import Scene, render
 from cpcal.vision.target import DELTALAB_TARGET
+
+pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
 
 
 def _rest(rendered, chosen):
@@ -142,3 +155,76 @@ def test_what_fails_unexpectedly_is_told_and_tried_again(rendered, tmp_path):
         assert sum(row.found for row in found.rows) == poses
         reasons = {row.reason for row in found.rows if not row.found}
         assert reasons <= {"failed unexpectedly: RuntimeError: the disk is on fire"}
+
+
+def test_poses_at_the_nominal_setting() -> None:
+    """At most 0.01 mm and 0.003 degrees rms per axis (issue 6), and the stated covariances hold."""
+    poses, errors, squares = facing_poses(np.random.default_rng(7), 8, depth=(700.0, 700.0)), [], []
+    for k in range(8):
+        image = render(DELTALAB_TARGET, DELTALAB_CAMERA, one(poses, k), seed=k)
+        found = measure_pose(image, DELTALAB_TARGET, DELTALAB_CAMERA)
+        errors.append(pose_error(one(poses, k), found.estimate))
+        squares.append(errors[-1] @ np.linalg.solve(found.estimate.covariance, errors[-1]) / 6.0)
+    rms = np.sqrt(np.square(errors).mean(axis=0))
+    assert max(rms[:3]) < 0.01
+    assert np.degrees(max(rms[3:])) < 0.003
+    assert 0.3 < np.mean(squares) < 1.7  # standard deviation 0.2
+
+
+REASONS = {
+    "black": "too few", "white": "too few", "saturated": "", "noise": "not identified",
+    "blurred by 15 pixels": "", "half out, to the right": "not identified", "half out, below": "not identified",
+    "mirrored": "mirror image", "without its rows": "ambiguous", "chessboard": "not identified",
+    "a regular grid of dots": "not identified", "1 x 1": "1 x 1 pixels",
+    "100 megapixels": "the image is 10000 x 10001 pixels",
+}  # fmt: skip
+
+
+def test_there_is_a_reason_for_every_image_without_a_target() -> None:
+    images = degenerate_images(1)
+    assert set(images) == set(REASONS)
+    for name, image in images.items():
+        with pytest.raises(NotMeasured) as refusal:
+            measure_pose(image, DELTALAB_TARGET, DELTALAB_CAMERA)
+        assert REASONS[name] in str(refusal.value), name
+
+
+def test_a_wrong_camera_shows_in_the_residuals() -> None:
+    pose = one(facing_poses(np.random.default_rng(2), 1, depth=(700.0, 700.0)), 0)
+    image = render(DELTALAB_TARGET, DELTALAB_CAMERA, pose)
+    off = Camera(1024, 768, DELTALAB_CAMERA.focal, DELTALAB_CAMERA.center, DELTALAB_CAMERA.distortion * 0.5)
+    with pytest.raises(NotMeasured, match="the camera or the target is not as stated"):
+        measure_pose(image, DELTALAB_TARGET, off)
+
+
+def limits():
+    """The threads of OpenCV and of every library of linear algebra in this process."""
+    np.ones(1) @ np.ones(1)
+    blas = [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
+    assert blas
+    return [opencv().getNumThreads(), *blas]
+
+
+@pytest.fixture
+def free():
+    """Libraries that may use four threads, set back in the end."""
+    from threadpoolctl import threadpool_limits
+
+    before = opencv().getNumThreads()
+    with threadpool_limits(limits=4):
+        opencv().setNumThreads(4)
+        yield limits()
+    opencv().setNumThreads(before)
+
+
+def test_limits_come_back_after_an_error_and_after_an_abandoned_run(free):
+    def fails(names):
+        raise RuntimeError("on purpose")
+
+    with pytest.raises(RuntimeError, match="on purpose"):
+        list(in_parallel(fails, ["a"], workers=1))
+    assert limits() == free
+    running: Any = in_parallel(lambda names: limits(), ["a"] * 20, workers=1)
+    assert set(next(running)) == {1}
+    running.close()
+    assert limits() == free

@@ -1,4 +1,4 @@
-"""The same certificates, byte for byte, wherever the work is done on this machine."""
+"""The same certificates, byte for byte, wherever the work is done on this machine, on one thread each."""
 
 import multiprocessing
 import os
@@ -97,3 +97,33 @@ def test_a_cluster_that_is_not_there_is_an_error_that_says_what_to_start(monkeyp
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"pip install 'cpcal\[distributed\]'"), executor_for(scheduler="tcp://x:1"):
         pass
+
+
+BEFORE = """
+with one():
+    numpy_only = threads()
+import scipy.linalg
+with one():
+    print(numpy_only, threads())
+"""
+WITHIN = """
+with one():
+    numpy_only = threads()
+    import scipy.linalg
+    print(numpy_only, threads())
+print("environment", [name for name in os.environ if "THREADS" in name])
+"""
+
+
+@pytest.mark.parametrize(("loaded", "end"), [(BEFORE, ""), (WITHIN, "environment []\n")])
+def test_a_library_loaded_later_keeps_to_one_thread(loaded, end):
+    code = (
+        "import os, numpy\n"
+        "from threadpoolctl import threadpool_info\n"
+        "from cpcal.solver.execution.executors import linear_algebra_on_one_thread as one\n"
+        "def threads():\n"
+        "    return sorted(one['num_threads'] for one in threadpool_info() if one['user_api'] == 'blas')\n"
+    )
+    free = {name: value for name, value in os.environ.items() if "THREADS" not in name}
+    done = subprocess.run([sys.executable, "-c", code + loaded], env=free, capture_output=True, text=True, check=True)
+    assert done.stdout == "[1] [1, 1]\n" + end

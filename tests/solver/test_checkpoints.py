@@ -1,4 +1,4 @@
-"""A minimisation that is stopped anywhere and gone on with ends in the answer and the certificate it would have had."""
+"""What is stopped anywhere and gone on with ends in the answer and the certificate it would have had."""
 
 import signal
 import subprocess
@@ -10,6 +10,7 @@ import pytest
 
 import cpcal
 from cpcal.common.errors import InputError
+from cpcal.solver import model
 from cpcal.solver.contract import Limits
 from cpcal.solver.optimize.bound import Minimum
 
@@ -81,7 +82,7 @@ def test_killed_at_any_moment_it_goes_on_to_the_same_certificate(tmp_path, whole
         f"sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
         "from cpcal.solver.execution import checkpoint_file\n"
         "checkpoint_file._EVERY = checkpoint_file._SHARE = 0.0\n"
-        "import test_minimum_checkpoint as t\n"
+        "import test_checkpoints as t\n"
         "t.solved(**t.LIFTED, certificate='part', checkpoint='search', resume=True)\n"
     )
     with subprocess.Popen([sys.executable, str(script)], cwd=tmp_path) as run:
@@ -91,3 +92,53 @@ def test_killed_at_any_moment_it_goes_on_to_the_same_certificate(tmp_path, whole
         run.send_signal(signal.SIGKILL)
     found = solved(**LIFTED, certificate=tmp_path / "part", checkpoint=tmp_path / "search", resume=True)
     assert (answer(found), (tmp_path / "part").read_bytes()) == whole
+
+
+def ring(least: float = 1.0) -> cpcal.Network:
+    """A region, of one method."""
+    net = cpcal.Network()
+    y = net.variable("y", 2, (-2, 2))
+    net.add((y[0] * y[0] + y[1] * y[1]).within((least, 2.0)))
+    return net
+
+
+def points() -> cpcal.Network:
+    """Single points, for which several methods take turns."""
+    net = cpcal.Network()
+    x, y, z = (net.variable(name, (), (-30, 30)) for name in "xyz")
+    net.add(x**2 + y**2 + z**2 == 12.0)
+    net.add(x * y + y * z == cpcal.sin(x) + 3.0)
+    net.add(x**3 - z * y == 1.0)
+    return net
+
+
+def answer_of(paving: cpcal.Paving) -> tuple[object, ...]:
+    boxes = [(s.verdict, s.box.lo.tolist(), s.box.hi.tolist()) for s in paving.solutions]
+    inside = [(b.lo.tolist(), b.hi.tolist()) for b in paving.inside]
+    outside = [(b.lo.tolist(), b.hi.tolist()) for b in paving.outside]
+    return paving.complete, paving.nodes, paving.status, paving.method, boxes, inside, outside
+
+
+@pytest.mark.parametrize(
+    ("build", "options", "step"),
+    [(ring, {"width": 0.2, "inner": True}, 80), (ring, {"width": 0.2, "order": "breadth"}, 90), (points, {}, 10)],
+)
+def test_a_paving_stopped_again_and_again_ends_in_the_same_answer(build, options, step, tmp_path, monkeypatch):
+    monkeypatch.setattr(model, "_SLICES", (8, 8))  # short turns, so that several methods have some
+    whole = answer_of(build().solve(**options))
+    file, stops = tmp_path / "search", 0
+    while True:
+        found = build().solve(**options, limits=Limits(nodes=step), checkpoint=file, resume=True)
+        if not file.exists():
+            break
+        assert not found.complete
+        stops += 1
+    assert stops >= 2
+    assert answer_of(found) == whole
+
+
+def test_with_workers_the_answer_is_the_same(tmp_path):
+    file = tmp_path / "search"
+    ring().solve(width=0.2, inner=True, limits=Limits(nodes=80), checkpoint=file)
+    on = ring().solve(width=0.2, inner=True, checkpoint=file, resume=True, workers=2)
+    assert answer_of(on) == answer_of(ring().solve(width=0.2, inner=True))
