@@ -35,10 +35,10 @@ LONG = """
     test_commands.py questions/test_compare.py models/test_pose_set_forgeries.py models/test_pose_set.py
     cli/test_images.py benchmarks/test_damaged_runs.py questions/test_certify_robust.py questions/test_resumed.py
     questions/test_data_check.py checker/forged/test_fuzz.py models/test_robot_study.py
-    calibration/test_study_calibration.py solver/test_checkpoints.py checker/valid/test_rule.py
+    questions/test_study_calibration.py solver/test_checkpoints.py checker/valid/test_rule.py
     report/test_browser.py solver/execution/test_cluster.py questions/test_many_campaigns.py cli/test_every_key.py
     cli/test_process.py vision/test_world.py solver/test_compiled.py checker/forged/test_checker_run.py
-    models/test_pose_certificate.py checker/forged/test_forged.py vision/test_identify.py cli/test_verbs.py
+    solver/execution/test_outcomes.py checker/forged/test_forged.py vision/test_identify.py cli/test_verbs.py
     solver/network/test_forms.py cli/test_tampering.py solver/network/test_operations.py checker/test_platform.py
     problems/test_minibex.py benchmarks/test_mutants_of_code.py calibration/test_frames.py
     solver/optimize/test_rounds.py cli/test_demo.py cli/test_verify.py solver/test_choice.py cli/test_leaving.py

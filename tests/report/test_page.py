@@ -1,22 +1,28 @@
-"""The page: valid, self-contained, hostile names do nothing, the same bytes each time, small for large campaigns."""
+"""The page and its figures: valid, self-contained, hostile names do nothing, small for large campaigns."""
 
 import dataclasses
 import io
 import math
 import re
+import shlex
 from html.parser import HTMLParser
 
 import pytest
 from rich.console import Console
 from tinyhtml5.parser import HTMLParser as Html5
+from typer.testing import CliRunner
 
 import cpcal
+from cpcal.cli import app
 from cpcal.cli.certify import show_result
 from cpcal.cli.verbs import Talk
+from cpcal.common.codec import encoded
 from cpcal.files import campaign_sha256
 from cpcal.models import PARAMETERS, PLAIN
-from cpcal.report import QUANTIFIER, write_report
-from cpcal.report.run_page import REPORT_NAME, render
+from cpcal.report import QUANTIFIER, errors_svg, write_report
+from cpcal.report.figures import FARTHEST
+from cpcal.report.run_page import REPORT_NAME, command, render
+from tests.changed import leg_with
 from tests.report.made import made_leg, made_result
 
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>\"'&\x1b[31m"
@@ -182,3 +188,85 @@ def test_an_interrupted_run_says_so(campaign):
     assert "2, 3, 4, 5, 6" in page
     empty = dataclasses.replace(result_of(campaign, interrupted=True), legs=())
     assert "No leg was finished" in render(campaign, empty)
+
+
+@pytest.fixture(scope="module")
+def few_poses():
+    return cpcal.simulate(seed=1, joint_error=1.0, factor=0.0, extremal=False, random_poses=14)
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"legs": [2], "eps": 0.1, "model": "gain", "tolerance": 0.5, "time_limit": 60.0, "support": "none"},
+        {"legs": [3], "delta": 12.5, "center": "nominal", "gap": 1e-3, "contractors": ("hc4", "lifted")},
+    ],
+)
+def test_the_command_repeats_the_run(few_poses, tmp_path, asked):
+    result = cpcal.certify(few_poses, certificates=tmp_path / "ours", ranges=True, **asked)  # as the command does
+    cpcal.save_campaign(few_poses, tmp_path / "c")
+    places = {"CAMPAIGN": str(tmp_path / "c"), "RUN": str(tmp_path / "run")}
+    words = [places.get(word, word) for word in shlex.split(command(result))]
+    assert words.pop(0) == "cpcal"
+    assert CliRunner().invoke(app, words, prog_name="cpcal").exit_code in (0, 1)
+    again = cpcal.load_result(tmp_path / "run")
+
+    def answers(found):  # without what differs from run to run, and the names of files
+        return [encoded(leg_with(leg, seconds=0.0, ranges=None)) for leg in found.legs]
+
+    assert answers(again) == answers(result)
+    assert dataclasses.replace(again, legs=()) == dataclasses.replace(result, legs=())
+
+
+CAMPAIGN = cpcal.simulate(seed=1, joint_error=1.0)
+
+
+def leg(number=1, eps_hi=0.2, **changes):
+    x = CAMPAIGN.robot.parameters[number - 1]
+    box = cpcal.Box(PARAMETERS, x - 0.5, x + 1.0)
+    return made_leg(number, 0.1, eps_hi, tuple(x), tuple(x + 0.1), box, 0.0, (), 1, 94, 0.25, **changes)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Ticks are round numbers in the range, data land where they belong, words are no markup.
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The tolerances of legs as bars: thin, unbounded and unproved ones.
+
+
+def marks(svg, variable):
+    """Ticks, arrows and crosses (two lines each) of that colour."""
+    paths = re.findall(rf'<path d="([^"Z]*)" style="fill: none; stroke: var\(--{variable}\)', svg)
+    return sum(path.count("M") for path in paths)
+
+
+@pytest.mark.parametrize(
+    ("lo", "hi", "ticks_and_arrows", "crosses"),
+    [
+        (1.0, 1.0 + 2.0**-30, 2, 1),  # so thin that only its ticks are seen
+        (0.1, math.inf, 2, 0),  # a tick and an arrow
+        (math.inf, math.inf, 1, 0),  # nothing fits
+        (0.1, 2.0 * FARTHEST, 2, 0),
+    ],
+)
+def test_a_bar_has_ticks_at_its_ends_an_arrow_to_what_is_too_far_and_a_cross_in_view(lo, hi, ticks_and_arrows, crosses):
+    point = None if hi == math.inf else (0.0,) * 7
+    svg = errors_svg(made_result(CAMPAIGN, leg(1, hi, eps_lo=lo, point=point)))
+    assert "nan" not in svg.lower()
+    ends = sum(marks(svg, kind) for kind in ("known", "open", "bad"))
+    assert (ends, marks(svg, "support")) == (ticks_and_arrows, 2 * crosses)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# For notebooks and files.
+
+
+def test_a_figure_is_a_document_of_its_own_in_colours_that_a_viewer_knows():
+    svg = errors_svg(made_result(CAMPAIGN, leg(1), leg(2, math.inf, point=None), tolerance=0.3))
+    assert ">leg 2</text>" in svg
+    assert "tolerance 0.3 mm" in svg
+    text = svg._repr_svg_()
+    assert text.startswith('<svg xmlns="http://www.w3.org/2000/svg" ')
+    assert "var(--" not in text
+    assert "#17693a" in text
