@@ -71,27 +71,36 @@ def study_found(folder: Path) -> StudyFound:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# `cpcal report`: the page of a run, or of the study that `cpcal demo` leaves, written again.
+# `cpcal report`: the page of any run, or of the study that `cpcal demo` leaves, written again.
 
 
 def report(
-    run: Path = argument("RUN", "Folder that certify wrote, or demo."),
-    page: Path | None = output("FILE", "The page; replaced.", None, show_default="RUN/report.html"),
+    run: Path = argument("RUN", "Folder that certify, accuracy, handeye certify or demo wrote."),
+    page: Path | None = output("FILE", "The page; replaced.", None, show_default="in RUN, as it was named"),
 ) -> None:
-    """Check a RUN as `verify` does, and write its HTML page again, from its result.json and campaign.json.
+    """Check a RUN as `verify` does, and write its HTML page again, from its own files.
 
-    One self-contained file: it loads nothing, prints, and checks its certificates in the browser. Of a folder that
+    One self-contained file: it loads nothing, prints, and checks a leg's certificates in the browser. Of a folder that
     `cpcal demo` wrote it is the page of the whole study; its certificates are checked anew.
     """
-    file = run / REPORT_NAME if page is None else page
+    from cpcal.questions.accuracy import load_accuracy
+    from cpcal.report.accuracy_page import ACCURACY_PAGE, write_accuracy
+    from cpcal.report.hand_eye_page import HAND_EYE_PAGE, write_hand_eye
+
+    frames, bounds = ((run / kind.head).is_file() for kind in (HANDEYE, ACCURACY))
+    file = run / (HAND_EYE_PAGE if frames else ACCURACY_PAGE if bounds else REPORT_NAME) if page is None else page
     if file.is_dir():
         raise unusable(str(file), "is a folder", "name a file, such as report.html")
     if (run / RECORD_NAME).is_file():  # the folder of a study
-        text = render_study(study_found(run), run / RUN)
+        write_file(file, render_study(study_found(run), run / RUN))
     else:
         _accepted(run)
-        text = render(load_campaign_json(run), load_result(run), run=run)
-    write_file(file, text)
+        if frames:
+            write_hand_eye(load_hand_eye_result(run), file.parent, file.name)
+        elif bounds:
+            write_accuracy(load_accuracy(run), file.parent, file.name)
+        else:
+            write_file(file, render(load_campaign_json(run), load_result(run), run=run))
     Talk().say(f"Report: {file}")
 
 

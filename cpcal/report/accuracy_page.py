@@ -170,8 +170,8 @@ _KINDS = {
 }
 
 
-def write_accuracy(found: Accuracy, folder: StrPath) -> Path:
-    """Write `accuracy.html` into the folder; its path. The same certificate gives the same bytes."""
+def write_accuracy(found: Accuracy, folder: StrPath, name: str = ACCURACY_PAGE) -> Path:
+    """Write the page into the folder; its path. The same certificate gives the same bytes."""
     robot = f"{'Simulated: ' * found.simulated}{found.campaign.robot}"
     page = Page(
         f"{robot}, accuracy",
@@ -180,7 +180,7 @@ def write_accuracy(found: Accuracy, folder: StrPath) -> Path:
         [answer(found), *_where(found.workspace), *_at_poses(found), _assumption(found), *_next(found), _origin(found)],
         lead=headline(found),
     )
-    return page.write(Path(folder) / ACCURACY_PAGE)
+    return page.write(Path(folder) / name)
 
 
 def answer(found: Accuracy) -> Section:

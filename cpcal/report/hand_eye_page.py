@@ -25,8 +25,8 @@ _CHECKED = (
 _FRAMES = {"eye-in-hand": ("camera in hand", "target in base"), "eye-to-hand": ("camera in base", "target in hand")}
 
 
-def write_hand_eye(found: HandEyeResult, folder: StrPath) -> Path:
-    """Write `handeye.html` into the folder; its path. The same result gives the same bytes."""
+def write_hand_eye(found: HandEyeResult, folder: StrPath, name: str = HAND_EYE_PAGE) -> Path:
+    """Write the page into the folder; its path. The same result gives the same bytes."""
     proofs = f"Certificates (*.cert.jsonl): {_CHECKED} {found.programs:,} linear programs, {about(found.seconds)} s."
     page = Page(
         titled(f"Hand-eye calibration: {found.setup}", found.provenance),
@@ -42,7 +42,7 @@ def write_hand_eye(found: HandEyeResult, folder: StrPath) -> Path:
         ],
         lead=searched(found),
     )
-    return page.write(Path(folder) / HAND_EYE_PAGE)
+    return page.write(Path(folder) / name)
 
 
 def answered(found: HandEyeResult) -> Section:

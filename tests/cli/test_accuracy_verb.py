@@ -41,8 +41,14 @@ def test_the_first_line_is_what_is_assumed_and_what_is_proved_holds_the_truth_an
     assert len(list(out.glob("set-leg*.cert.jsonl"))) == 6
     assert "2 of 2 poses: PROVED, every pose within +-20.0 mm and +-0.1 rad that the legs allow" in done("verify", out)
     assert main([str(out)]) == 0  # the checker alone
+    page, new = out / "accuracy.html", folder / "page.html"
+    done("report", out, "-o", new)
+    assert new.read_bytes() == page.read_bytes()
     found = load_accuracy(out)
     save_accuracy(dataclasses.replace(found, delta=80.0), out)
+    page.unlink()
+    assert "states another delta" in done("report", out, status=1)
+    assert not page.exists()
     assert "accuracy.json: REFUSED, states another delta than is proved" in done("verify", out, status=1)
 
 
