@@ -443,13 +443,13 @@ def test_ranges_of_a_box_hold_the_turns_of_all_rotations_in_it(degrees):
 # every key ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("thorough", [False, pytest.param(True, marks=pytest.mark.nightly)])
 def test_the_page_of_a_run_is_written_again_from_its_files_alone(exact_run, tmp_path):
     outcome = CliRunner().invoke(app, ["report", str(exact_run.folder), "-o", str(tmp_path / "page.html")])
     assert outcome.exit_code == 0, outcome.output
     assert write_hand_eye(exact_run.result, tmp_path).read_bytes() == (tmp_path / "page.html").read_bytes()
 
 
+@pytest.mark.parametrize("thorough", [False, pytest.param(True, marks=pytest.mark.nightly)])
 def test_every_change_outside_of_the_information_is_refused(exact_run, uncertain, wrong, tmp_path, thorough):
     for number, run in enumerate((exact_run, uncertain, wrong)):
         folder = tmp_path / str(number)
