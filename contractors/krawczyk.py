@@ -11,6 +11,7 @@ import numpy as np
 
 from cpcal.solver.contract import Composable, Contraction, repeated
 from cpcal.solver.interval import Bools, Box, Floats, Indices, IntervalArray
+from cpcal.solver.interval.numbers import joined
 from cpcal.solver.linear import LinearSolution, Programs, lower_bound
 from cpcal.solver.network import CentredForm, ConstraintNetwork, one_sided_rows
 
@@ -98,18 +99,14 @@ class Linearised:
         chosen = [(form, origin) for form, origin in self._forms if affine is None or form.affine == affine]
         if not chosen:
             return []
-        matrix = _joined([form.jacobian(box) for form, _ in chosen])
+        matrix = joined([form.jacobian(box) for form, _ in chosen], 0)
         origin = np.concatenate([origin for _, origin in chosen])
         bounds = np.isfinite(matrix.lo).all(axis=1) & np.isfinite(matrix.hi).all(axis=1)
         out = []
         for point in points:
-            rows = IntervalRows(point, _joined([form.at(point) for form, _ in chosen]), matrix, origin)
+            rows = IntervalRows(point, joined([form.at(point) for form, _ in chosen], 0), matrix, origin)
             out.append(rows.only(bounds & np.isfinite(rows.value.lo)))  # the others say nothing
         return out
-
-
-def _joined(parts: Sequence[IntervalArray]) -> IntervalArray:
-    return IntervalArray(np.concatenate([part.lo for part in parts]), np.concatenate([part.hi for part in parts]))
 
 
 # Which real matrix stands for the interval matrix of the rows on a box.

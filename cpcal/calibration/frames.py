@@ -131,15 +131,15 @@ def on_drawing(parameters: Floats, drawing: Robot) -> Floats:
     return np.concatenate([*parts, parameters[:, 6:]], axis=1)
 
 
-def on_drawing_errors(parameters: Floats, covariance: Floats, drawing: Robot) -> Floats:
-    """(n, 7) mm: standard deviations of `on_drawing`, to first order, from the covariance (7 n, 7 n), leg by leg."""
-    size = parameters.size
+def on_drawing_errors(found: Fit, drawing: Robot) -> Floats:
+    """(n, 7) mm: standard deviations of `on_drawing`, to first order, from the covariance of a fit."""
+    parameters, size = found.parameters, found.parameters.size
     steps = _STEP * np.eye(size).reshape(size, *parameters.shape)
     ahead, back = (
         np.stack([on_drawing(parameters + sign * step, drawing).ravel() for step in steps]) for sign in (1.0, -1.0)
     )
     slopes = ((ahead - back) / (2.0 * _STEP)).T
-    variance = np.diagonal(slopes @ covariance @ slopes.T).reshape(parameters.shape)
+    variance = np.diagonal(slopes @ found.covariance @ slopes.T).reshape(parameters.shape)
     return np.sqrt(np.where(np.isfinite(variance), np.maximum(variance, 0.0), np.inf))
 
 

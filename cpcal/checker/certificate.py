@@ -6,6 +6,7 @@ docs/certificate-format.md is the specification; Refused says what is wrong, and
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction as F
@@ -243,11 +244,8 @@ def check_lines(lines: Lines, formed: Callable[[dict[str, Any]], tuple[Problem, 
         raise Refused("the values are too large, or nested too deeply", "limit", lines.line) from None
 
 
-class Certificates:
-    """Those of a folder, which may rest on one another: each is checked once, all of them within one budget.
-
-    `form(header, lines)` gives the problem and its box.
-    """
+class Certificates(ABC):
+    """Those of a folder, which may rest on one another: each is checked once, all of them within one budget."""
 
     most = 10_000
 
@@ -255,8 +253,9 @@ class Certificates:
         self.folder, self.budget = folder, budget
         self.known: dict[str, Accepted | Refused] = {}
 
+    @abstractmethod
     def form(self, header: dict[str, Any], lines: Lines) -> tuple[Problem, Box]:
-        raise NotImplementedError
+        """The problem and its box."""
 
     @property
     def names(self) -> set[str]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -50,21 +50,25 @@ class Blocks:
     own: Floats
     own_side: Floats
 
-    def reduced(self, damping: float = 0.0) -> tuple[Floats, Floats]:
+    def reduced(self) -> tuple[Floats, Floats]:
         """The equations (s, s), (s,) of the shared unknowns alone. Raises LinAlgError where a block is singular."""
         both = np.concatenate([self.mixed, self.own_side[..., None]], axis=2)
         size = len(self.shared)
-        gone = self.mixed.reshape(-1, size).T @ np.linalg.solve(self._damped(damping), both).reshape(-1, size + 1)
-        matrix = self.shared + damping * np.diag(np.diag(self.shared)) - gone[:, :-1]
-        return np.asarray(matrix), self.shared_side - gone[:, -1]
+        gone = self.mixed.reshape(-1, size).T @ np.linalg.solve(self.own, both).reshape(-1, size + 1)
+        return self.shared - gone[:, :-1], self.shared_side - gone[:, -1]
 
     def step(self, damping: float) -> Floats:
         """(s + v k,) the shared unknowns' step, then block by block; nan where the equations are singular."""
+        damped = replace(
+            self,
+            shared=self.shared + damping * np.diag(np.diag(self.shared)),
+            own=self.own + damping * self.own * np.eye(self.own.shape[1]),
+        )
         try:
-            matrix, side = self.reduced(damping)
+            matrix, side = damped.reduced()
             scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), TINY))
             shared = scale * np.linalg.solve(matrix * scale[:, None] * scale, side * scale)
-            own = np.linalg.solve(self._damped(damping), (self.own_side - self.mixed @ shared)[..., None])
+            own = np.linalg.solve(damped.own, (self.own_side - self.mixed @ shared)[..., None])
         except np.linalg.LinAlgError:
             return np.full(len(self.shared) + self.own_side.size, np.nan)
         return np.concatenate([shared, own.ravel()])
@@ -73,9 +77,6 @@ class Blocks:
     def slope(self) -> float:
         """The largest element of J'r."""
         return max(float(np.max(np.abs(side), initial=0.0)) for side in (self.shared_side, self.own_side))
-
-    def _damped(self, damping: float) -> Floats:
-        return self.own + damping * self.own * np.eye(self.own.shape[1])
 
 
 class _Rows:

@@ -32,6 +32,7 @@ Ints: TypeAlias = npt.NDArray[np.int64]
 Shape: TypeAlias = tuple[int, ...]
 
 TINY = float(np.finfo(np.float64).tiny)  # below every number that is told from 0
+FORTH, BACK = [1, 2, 0], [2, 0, 1]  # of a cross product
 LARGEST = 1e12  # mm: no robot is larger, and no square of such a number overflows
 _REAL = "fiuSUO"  # kinds of numpy arrays that a user's real numbers come in; texts and objects are parsed
 
@@ -73,6 +74,11 @@ def floats(values: ArrayLike) -> Floats:
 def norms(vectors: Floats) -> Floats:
     """Their Euclidean lengths, (..., n) -> (...)."""
     return np.asarray(np.linalg.norm(vectors, axis=-1))
+
+
+def crossed(x: Floats, y: Floats) -> Floats:
+    """The most that the components (..., 3) of a cross product can be, of vectors with components of these sizes."""
+    return x[..., FORTH] * y[..., BACK] + x[..., BACK] * y[..., FORTH]
 
 
 def fill(value: object, **held: object) -> None:

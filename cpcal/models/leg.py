@@ -14,7 +14,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import Annotated, NamedTuple
+from typing import Annotated, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +26,7 @@ from cpcal.common.errors import InputError, ModelError, PluginError, Problem, un
 from cpcal.common.least_squares import least_squares
 from cpcal.common.numbers import nearest
 from cpcal.common.numbers import stated as as_stated
-from cpcal.common.values import Floats
+from cpcal.common.values import BACK, FORTH, Floats
 from cpcal.files import campaign_sha256
 from cpcal.robot import Campaign, LegEquations, leg_vectors
 from cpcal.robot.kinematics import rotation_numerators
@@ -38,7 +38,6 @@ from cpcal.solver.network.network import restricted
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.network.tape import Tape
 
-FORTH, BACK = [1, 2, 0], [2, 0, 1]  # of a cross product
 PARAMETERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 
 
@@ -381,13 +380,16 @@ def exactly_read(campaign: Campaign, leg: int) -> bool:
 
 def turned_rows(s: Expr, v: Expr) -> Expr:
     """`R(1, s) v`, row by row: v + 2 (s x v + s x (s x v)) / (1 + s.s)."""
-    once = _cross_rows(s, v)
-    return v + 2.0 * (once + _cross_rows(s, once)) / (1.0 + sqr(s).sum(-1))[:, None]
+    once = cross(s, v)
+    return v + 2.0 * (once + cross(s, once)) / (1.0 + sqr(s).sum(-1))[:, None]
 
 
-def _cross_rows(x: Expr, y: Expr | Floats) -> Expr:
-    """Cross products of rows, (N, 3) or (1, 3)."""
-    return x[:, FORTH] * y[:, BACK] - x[:, BACK] * y[:, FORTH]
+Vectors = TypeVar("Vectors", Expr, IntervalArray)
+
+
+def cross(x: Vectors, y: Vectors) -> Vectors:
+    """Of vectors (..., 3) and (..., 3)."""
+    return x[..., FORTH] * y[..., BACK] - x[..., BACK] * y[..., FORTH]
 
 
 def rational_rotations(q: Expr) -> tuple[Expr, Expr]:

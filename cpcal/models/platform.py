@@ -29,23 +29,19 @@ import numpy as np
 
 from cpcal.checker.platform import COORDINATES, AboutCenter, Commanded, Leg, LegEquation
 from cpcal.common.errors import unusable
-from cpcal.common.values import Bools, Floats
-from cpcal.models.leg import BACK, FORTH, rotations
+from cpcal.common.values import Bools, Floats, crossed
+from cpcal.models.leg import cross, rotations
 from cpcal.models.leg_set import CertifiedSet
 from cpcal.robot import Pose, Robot, leg_vectors, normalised, pose_jacobian, small_rotation
 from cpcal.solver.certificate.exact_network import free
 from cpcal.solver.contract import Contraction
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.interval.numbers import Intervals as Numbers
+from cpcal.solver.interval.numbers import joined
 from cpcal.solver.search import Decision, EventKind, Node, Piece, Search
 
 # ------------------------------------------------------------------------------------------------------------------
 # Interval vectors and matrices, many at a time: the last axes count components, those before broadcast.
-
-
-def cross(x: IntervalArray, y: IntervalArray) -> IntervalArray:
-    """Of vectors (..., 3) and (..., 3)."""
-    return x[..., FORTH] * y[..., BACK] - x[..., BACK] * y[..., FORTH]
 
 
 def applied(matrix: IntervalArray, x: Numbers) -> IntervalArray:
@@ -61,11 +57,6 @@ def transposed(matrix: IntervalArray) -> IntervalArray:
 def norm(x: IntervalArray) -> IntervalArray:
     """Of vectors (..., m)."""
     return x.sqr().sum(-1).sqrt()
-
-
-def joined(parts: Sequence[IntervalArray], axis: int = -1) -> IntervalArray:
-    """One after the other along an axis."""
-    return IntervalArray(np.concatenate([p.lo for p in parts], axis), np.concatenate([p.hi for p in parts], axis))
 
 
 def crossing(v: IntervalArray) -> IntervalArray:
@@ -303,11 +294,11 @@ class Equations:
             curved = (
                 (y[:, None] * (middle @ column)[..., 0]).sum(axis=-1) + beside.sum(axis=-1) + value_ * scale * square
             )
-            turned = _crossed(s, swing)
+            turned = crossed(s, swing)
             more = square * ((p * p).sum(axis=-1) + 2.0 * (p * (leg_ + base + swing)).sum(axis=-1))
-            more += 4.0 * (p * _crossed(s, _crossed(s, arm_))).sum(axis=-1)
-            more += 4.0 * ((p + base) * turned + base * _crossed(s, _crossed(s, arm_))).sum(axis=-1)
-            more += 4.0 * ((at + p + base) * _crossed(s, turned)).sum(axis=-1)
+            more += 4.0 * (p * crossed(s, crossed(s, arm_))).sum(axis=-1)
+            more += 4.0 * ((p + base) * turned + base * crossed(s, crossed(s, arm_))).sum(axis=-1)
+            more += 4.0 * ((at + p + base) * crossed(s, turned)).sum(axis=-1)
             found = ((linear @ y[..., None])[..., 0] + (curved + more) / scale) * _ROUNDED
             return np.where(near[:, None], found, np.inf)
 
@@ -324,11 +315,6 @@ class Equations:
         """At most so large are these coefficients."""
         middle, off = self._in_legs(gradients)
         return np.asarray(np.abs(middle) + off)
-
-
-def _crossed(x: Floats, y: Floats) -> Floats:
-    """The most that the components of a cross product can be."""
-    return x[..., FORTH] * y[..., BACK] + x[..., BACK] * y[..., FORTH]
 
 
 def proved_sizes(image: Callable[[Floats], Floats], value: Floats, good: Bools) -> tuple[Floats, Bools]:

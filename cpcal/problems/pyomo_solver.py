@@ -106,11 +106,12 @@ class PyomoCpcal(SolverBase):  # type: ignore[misc]
         results.solution_loader = NoSolutionSolutionLoader(model, "no solution was found")
         self._fill(results, model, config)
         results.timing_info.wall_time = time.monotonic() - began
+        said = str(getattr(results.extra_info, "sentence", "no solution was found"))
         if config.raise_exception_on_nonoptimal_result and results.solution_status is not SolutionStatus.optimal:
-            raise NoOptimalSolutionError(_said(results))
+            raise NoOptimalSolutionError(said)
         if config.load_solutions:
             if results.solution_status is SolutionStatus.noSolution:
-                raise NoSolutionError(_said(results))
+                raise NoSolutionError(said)
             results.solution_loader.load_solution()
         return results
 
@@ -142,11 +143,6 @@ class PyomoCpcal(SolverBase):  # type: ignore[misc]
         )
         found = answer(problem, width=config.width, limits=limits, certificate=config.certificate)
         _translated(found, results, config, model, info.variables)
-
-
-def _said(results: Results) -> str:
-    """What the answer says in a sentence, for an error."""
-    return str(getattr(results.extra_info, "sentence", "no solution was found"))
 
 
 def _translated(found: Answer, results: Results, config: CpcalConfig, model: Any, variables: Sequence[Any]) -> None:

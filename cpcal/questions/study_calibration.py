@@ -111,10 +111,6 @@ def budget(best: Fit, campaign: Campaign, drawing: Robot, inputs: Inputs) -> Bud
     """Of x_c_sigma of a campaign, with what the fit itself states of noise or residuals."""
     laid, nothing = on_drawing(best.parameters, drawing), np.zeros_like(best.parameters)
 
-    def errors(found: Fit) -> Floats:
-        """(n, 7) standard uncertainties of the parameters laid on the drawing."""
-        return on_drawing_errors(found.parameters, found.covariance, drawing)
-
     def moved(**readings: Any) -> Floats:
         """(n, 7) how far other readings move the parameters, laid on the drawing."""
         other = replace(campaign, **readings)
@@ -134,10 +130,10 @@ def budget(best: Fit, campaign: Campaign, drawing: Robot, inputs: Inputs) -> Bud
         if not size:
             return nothing
         only = Noise.from_sigmas([size] * 3, [0.0] * 3, np.zeros(campaign.legs), count=len(campaign))
-        return errors(replace(best, noise=only, source="noise"))
+        return on_drawing_errors(replace(best, noise=only, source="noise"), drawing)
 
     columns = {
-        "repeats and residuals": errors(best),
+        "repeats and residuals": on_drawing_errors(best, drawing),
         "camera_scale": scaled(inputs.camera_scale),
         "target_scale": scaled(inputs.target_scale),
         "lens": lens(inputs.lens),
@@ -246,7 +242,7 @@ class Parameters:
             values=_rows(fit.parameters),
             standard_errors=_rows(fit.standard_errors),
             drawn=_rows(on_drawing(fit.parameters, drawing)),
-            drawn_errors=_rows(on_drawing_errors(fit.parameters, fit.covariance, drawing)),
+            drawn_errors=_rows(on_drawing_errors(fit, drawing)),
             converged=fit.converged,
             source=fit.source,
             explained=fit.explained,

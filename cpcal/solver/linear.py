@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from enum import Enum
 from typing import Any, NamedTuple
@@ -748,7 +749,7 @@ class Dense:
 # Bound tightening: two linear programs for each variable of a box, each bound proved from its multipliers.
 
 
-class Programs:
+class Programs(ABC):
     """The linear programs of one polyhedron around the solutions in a bounded box: many objectives, of some columns.
 
     `columns` says which column is the coordinate u = (x - mid) / rad of a variable; there are `size`. The `engine` is
@@ -761,17 +762,17 @@ class Programs:
         self.box, self.columns, self.size = box, columns, size
         self.engine = Dense()
 
+    @abstractmethod
     def lowest(self, objective: Floats, solution: LinearSolution) -> float:
         """A proved lower bound of an objective (size,) from the multipliers."""
-        raise NotImplementedError
 
+    @abstractmethod
     def reached(self, variable: int, side: str, solution: LinearSolution) -> float:
         """The bound of a variable on a side, "lo" or "hi", that the multipliers prove; not finite: none."""
-        raise NotImplementedError
 
+    @abstractmethod
     def carriers(self, solution: LinearSolution) -> tuple[tuple[Row, ...], StepWeights | None]:
         """The rows that carry a proof, and their weights where these can be checked."""
-        raise NotImplementedError
 
     def unit(self, variable: int, sign: float) -> Floats:
         """The objective that is the coordinate of a variable, or its negative."""

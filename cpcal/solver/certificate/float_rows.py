@@ -19,7 +19,7 @@ import numpy as np
 from cpcal.checker.leg import LegConstraint, leg_formula
 from cpcal.checker.polynomial import FIELD, READINGS, Polynomial, rotation_rows, signed, unknown
 from cpcal.checker.rule import ENDS, Box, Problem, Row, Rule, Unknowns
-from cpcal.common.values import Bools, Floats, Indices
+from cpcal.common.values import Bools, Floats, Indices, crossed
 from cpcal.solver.certificate.exact_network import free
 from cpcal.solver.compiled import compiled
 
@@ -447,11 +447,11 @@ class AllReadings:
         change = abs(self.gain) * rl + eps
         d, s = self.slopes()
         c, w = np.abs(self.c), np.abs(self.w)
-        moved = r + 2.0 * _across(t, c) + (3.0 * swing * swing * self.size)[:, None]
+        moved = r + 2.0 * crossed(t, c) + (3.0 * swing * swing * self.size)[:, None]
         bent = swing * self.size * (5.0 * swing * (w.sum(axis=1) + shift) + 3.0 * shift)
         both = self.c * self.w
         turning = c * ((t * w).sum(axis=1)[:, None] - t * w) + w * ((t * c).sum(axis=1)[:, None] - t * c)
-        turning += 2.0 * t * np.abs(both.sum(axis=1)[:, None] - both) + _across(r, c) + bent[:, None]
+        turning += 2.0 * t * np.abs(both.sum(axis=1)[:, None] - both) + crossed(r, c) + bent[:, None]
         slack = 4.0 * (r * np.maximum(moved - np.abs(d), 0.0)).sum(axis=1)
         slack += 8.0 * (t * np.maximum(turning - np.abs(s), 0.0)).sum(axis=1)
         end = np.where(d > 0.0, r, -r), np.where(s > 0.0, t, -t), -rl if self.gain > 0.0 else rl
@@ -479,11 +479,6 @@ class AllReadings:
                 break
             eps = needed * (1.0 + 2.0**-50)
         return eps if needed <= eps else math.inf
-
-
-def _across(p: Floats, q: Floats) -> Floats:
-    """(N, 3) the largest components of a cross product of vectors with components of these sizes."""
-    return np.roll(p, -1, 1) * np.roll(q, -2, 1) + np.roll(p, -2, 1) * np.roll(q, -1, 1)
 
 
 def _rotated(s: Floats, z: Floats) -> Floats:

@@ -434,6 +434,11 @@ class Interval:
         return f"[{lo}, {hi}]"
 
 
+def joined(parts: Sequence[IntervalArray], axis: int = -1) -> IntervalArray:
+    """One after the other along an axis."""
+    return IntervalArray(np.concatenate([p.lo for p in parts], axis), np.concatenate([p.hi for p in parts], axis))
+
+
 def _computed(kernel: str, *operands: Interval, n: Shape = ()) -> Interval:
     """By a kernel in plain Python, without numba."""
     bounds = [(np.float64(x.lo), np.float64(x.hi)) for x in operands]

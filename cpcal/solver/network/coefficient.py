@@ -16,6 +16,7 @@ from cpcal.common.values import Bools, Floats, Indices, Shape
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import IntervalArray
 from cpcal.solver.interval.kernels import Arrays, add, at
+from cpcal.solver.interval.numbers import joined
 
 
 def combined_terms(x: IntervalArray, y: IntervalArray, of_x: Indices, of_y: Indices, sign: float) -> IntervalArray:
@@ -68,7 +69,7 @@ def reciprocal(x: IntervalArray) -> IntervalArray:
         return value
     h, m2 = _moves(x), m.sqr()
     value, slopes = value + h.sqr() / (m2 * (m + h)), -(x[1:] / m2)
-    return IntervalArray(np.concatenate([value.lo, slopes.lo]), np.concatenate([value.hi, slopes.hi]))
+    return joined([value, slopes], 0)
 
 
 def total(x: IntervalArray) -> IntervalArray:

@@ -280,12 +280,9 @@ class Standing(NamedTuple):
 def _line(box: Box, state: Branch | Box | None = None) -> Line:
     if isinstance(state, Branch):
         return _line(box, state.found) | {"fresh": state.fresh, "rows": sorted(state.rows)}
-    return {"box": _bounds(box)} | ({} if state is None or state == box else {"found": _bounds(state)})
-
-
-def _bounds(box: Box) -> list[list[float]] | None:
-    """Lower and upper bounds, to the last bit; an empty box is null."""
-    return None if box.is_empty else [box.lo.tolist(), box.hi.tolist()]
+    boxes = {"box": box} | ({} if state is None or state == box else {"found": state})
+    # to the last bit; an empty box is null
+    return {name: None if one.is_empty else [one.lo.tolist(), one.hi.tolist()] for name, one in boxes.items()}
 
 
 def _box_of(names: tuple[str, ...], bounds: Any) -> Box:

@@ -231,10 +231,7 @@ def camera_from_yaml(path: Path) -> Camera:
     problems, document = Problems(), yaml_document(path, _REMEDY)
     if not isinstance(document, dict):
         raise unusable(path, "is no table of keys and values", _REMEDY)
-
-    def wrong(what: str, remedy: str) -> None:
-        problems.wrong(path, what, remedy)
-
+    wrong = partial(problems.wrong, path)
     sides = [document.get(f"image_{side}") for side in ("width", "height")]
     if not all(isinstance(side, str) and side.isdecimal() and 0 < float(side) <= PIXELS_MAX for side in sides):
         what = f"image_width and image_height are not two whole numbers from 1 to {PIXELS_MAX:,}"
