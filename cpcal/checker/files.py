@@ -85,6 +85,7 @@ class Lines:
 
     def __init__(self, stream: BinaryIO, budget: Budget) -> None:
         self._stream, self.budget, self.line, self.text = stream, budget, 0, b""
+        self.spend = budget.spend
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         while line := self._stream.readline(LONGEST_LINE + 1):
@@ -100,6 +101,3 @@ class Lines:
             return value
         self.line += 1
         raise Refused(f"the file ends before {what}, or it is empty")
-
-    def spend(self, work: int) -> None:
-        self.budget.spend(work)

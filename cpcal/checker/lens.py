@@ -53,13 +53,10 @@ def curves(x: Vector) -> Forms:
     s = uu + vv
     s2, two, six = s.square, 2 * ONE, 6 * ONE
 
-    def straight(w: Bounds, ww: Bounds) -> Vector:
-        return [6 * w, 12 * s * w + 8 * ww * w, 18 * s2 * w + 24 * s * ww * w]
+    def radially(k: int, w: Bounds, square: Bounds) -> Vector:
+        return [2 * k * w, 4 * k * s * w + 8 * square * w, 6 * k * s2 * w + 24 * s * square * w]
 
-    def across(w: Bounds, other: Bounds) -> Vector:
-        return [2 * w, 4 * s * w + 8 * other * w, 6 * s2 * w + 24 * s * other * w]
-
-    radial = straight(u, uu), across(v, uu), across(u, vv), straight(v, vv)
+    radial = radially(3, u, uu), radially(1, v, uu), radially(1, u, vv), radially(3, v, vv)
     tangential = (ZERO, six), (two, ZERO), (ZERO, two), (six, ZERO)
     return [(ZERO, [k1, k2, *p, k3]) for (k1, k2, k3), p in zip(radial, tangential, strict=True)]
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction as F
 from functools import cache, lru_cache
@@ -377,7 +377,7 @@ def _checked(path: Path, name: str, budget: Budget) -> PoseSetChecked:
     budget.spend(_FIELD_WORK + _LENS_WORK * sight.cameras.size)
     digest = digest_of(inputs)
     certificates = PoseCertificates(path.parent, digest, sight, outliers, budget)
-    about, left = certificates.joined(after)
+    about, left = joined([certificates.part(file) for file in after], outliers)
     if left is not None and wrong:
         certificates.show_wrong(wrong, about, left)
         left = None if len(wrong) > outliers else left
@@ -452,9 +452,6 @@ class PoseCertificates(Certificates):
         super().__init__(folder, budget)
         self.digest, self.sight, self.outliers = digest, sight, outliers
 
-    def joined(self, files: Iterable[str]) -> tuple[tuple[F, ...], Box | None]:
-        return joined([self.part(file) for file in files], self.outliers)
-
     def part(self, file: str) -> Part:
         accepted = self.accepted(file)
         (_, _, dots, _, _, turn, after), hull = _HEADER(accepted.header), accepted.claims.enclosure
@@ -482,7 +479,7 @@ class PoseCertificates(Certificates):
             raise Refused("a quaternion is zero")
         before = None
         if after:
-            about, box = self.joined(after)
+            about, box = joined([self.part(file) for file in after], self.outliers)
             if box is None:
                 raise Refused("it follows what leaves nothing")
             if outliers != self.outliers - len(wrong):

@@ -263,7 +263,8 @@ class Line:
             if math.isfinite(lo):
                 low, high = bracket_text(lo, hi)
                 where = f"in [{low}, {high}]{unit}, " if lo <= hi < math.inf else f">= {low}{unit}, "
-            done = _boxes(bracket.nodes, bracket.pending, bracket.rate)
+            rate = bracket.nodes / bracket.seconds if bracket.seconds > 0.0 else 0.0
+            done = _boxes(bracket.nodes, bracket.pending, rate)
             return f"{what}{where}{nearest(bracket.seconds, 0)} s, {done}"
 
         self._tell(text)

@@ -10,8 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 import cpcal
-from cpcal.checker import Accepted, certificate, check, check_run
-from cpcal.checker.files import Lines
+from cpcal.checker import Accepted, check, check_run
+from cpcal.checker.files import WORK, Budget
 from cpcal.cli import app
 from cpcal.files import load_campaign_json
 from cpcal.questions import Uncertified, save_result
@@ -151,16 +151,10 @@ def test_the_result_says_not_certified_instead(campaign, tmp_path, monkeypatch, 
 def test_the_limit_is_that_of_the_checker(campaign, tmp_path, monkeypatch):
     """What is written the checker affords, down to the last unit of work."""
     whole = cpcal.certify(campaign, legs=[1], delta=0.5, certificates=tmp_path / "whole").legs[0]
-    spent = []
-
-    class Counted(Lines):
-        def spend(self, work):
-            spent.append(work)
-            super().spend(work)
-
-    monkeypatch.setattr(certificate, "Lines", Counted)
-    check(tmp_path / "whole" / whole.bracket.certificate)
-    for work, certified in ((sum(spent), True), (sum(spent) - 1, False)):
+    budget = Budget(WORK)
+    check(tmp_path / "whole" / whole.bracket.certificate, work=budget)
+    spent = WORK - budget.left
+    for work, certified in ((spent, True), (spent - 1, False)):
         limited(monkeypatch, work)
         leg = cpcal.certify(campaign, legs=[1], delta=0.5, certificates=tmp_path / str(work)).legs[0]
         assert leg.certified is certified

@@ -394,11 +394,6 @@ class Bracket:
     seconds: float
     pending: int = 0
 
-    @property
-    def rate(self) -> float:
-        """Boxes a second."""
-        return self.nodes / self.seconds if self.seconds > 0.0 else 0.0
-
 
 @dataclass(frozen=True)
 class Point:

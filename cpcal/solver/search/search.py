@@ -166,9 +166,8 @@ class Search(Iterator[Event]):
 
     def restore(self, at: Standing) -> None:
         """Stand where another search of the same process and priority stood."""
-        self._heap = []
-        for node in at.pending:
-            self._queue(node)
+        self._heap = [(self._priority(node), node.serial, node) for node in at.pending]
+        heapq.heapify(self._heap)
         self.begun, self._decided, self.created = list(at.begun), {}, at.created
         self.kept, self.inside, self.outside = list(at.kept), list(at.inside), list(at.outside)
 
@@ -217,11 +216,8 @@ class Search(Iterator[Event]):
         node = Node(piece.box, depth, self.created, piece.state, piece.decided)
         self.created += 1
         if piece.decided is None:
-            self._queue(node)
+            heapq.heappush(self._heap, (self._priority(node), node.serial, node))
         return node
-
-    def _queue(self, node: Node) -> None:
-        heapq.heappush(self._heap, (self._priority(node), node.serial, node))
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -75,17 +75,14 @@ class RenderedImages:
     def stamp(self, name: str) -> str:
         return f"{self.seed}-{self.scene}"
 
-    def pose(self, name: str) -> Pose:
-        """Of the target in the camera frame, in the image of that name."""
-        return self.poses.rows(self.names.index(name))
-
     def read(self, name: str) -> Grey:
         scene = self.scene
         if PurePosixPath(name).stem == MEAN:
             scene = replace(scene, noise=scene.noise / math.sqrt(10.0))
         # of one image: it does not depend on which others there are
         seed = int(np.random.SeedSequence([self.seed, *name.encode()]).generate_state(1, np.uint64)[0])
-        return render(self.target, self.camera, self.pose(name), scene, seed=seed)
+        pose = self.poses.rows(self.names.index(name))
+        return render(self.target, self.camera, pose, scene, seed=seed)
 
     def write(
         self, folder: Path, *, workers: int | None = None, progress: Callable[[int, int], None] | None = None
