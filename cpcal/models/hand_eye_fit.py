@@ -169,9 +169,7 @@ def _weighted_fit(
 
     at = least_squares(residual, blocks, start, tolerance=1e-12, moved=model.moved, steps=_STEPS).at
     found = blocks(at)
-    normal, _ = found.reduced()
-    scale = np.sqrt(np.diagonal(normal))
-    covariance = np.linalg.pinv(normal / np.outer(scale, scale)) / np.outer(scale, scale)
+    covariance = _inverse(found.reduced()[0])
     inverse_ = np.linalg.inv(found.own)
     carried = inverse_ @ found.mixed
     variance = inverse_ + carried @ covariance @ np.swapaxes(carried, 1, 2)
@@ -355,11 +353,14 @@ def _pose(study: HandEyeStudy) -> Fit[ReadFrames]:
 
 
 def _covariance(slope: Floats, residuals: Floats) -> Floats:
-    scale = np.linalg.norm(slope, axis=0)
-    values, vectors = np.linalg.eigh((slope / scale).T @ (slope / scale))
-    variance = float(residuals @ residuals) / max(len(residuals) - PARAMETERS, 1)
-    inverse_ = vectors @ np.diag(1.0 / np.maximum(values, _LOST)) @ vectors.T
-    return np.asarray(variance * inverse_ / np.outer(scale, scale))
+    return np.asarray(float(residuals @ residuals) / max(len(residuals) - PARAMETERS, 1) * _inverse(slope.T @ slope))
+
+
+def _inverse(normal: Floats) -> Floats:
+    """Of a normal matrix: what it leaves open is very large in it, and not 0."""
+    scale = np.sqrt(np.diagonal(normal))
+    values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
+    return np.asarray((vectors / np.maximum(values, _LOST)) @ vectors.T / np.outer(scale, scale))
 
 
 def _weak_directions(setup: Setup, frames: HandEyeFrames, covariance: Floats) -> list[str]:

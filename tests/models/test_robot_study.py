@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from cpcal.common.errors import InputError
+from cpcal.models.hand_eye_fit import classical_answer
 from cpcal.models.hand_eye_sources import platform_poses, study_of_robot, with_half_widths
 from cpcal.questions.hand_eye import Within, certify_hand_eye, legs_in_frames
 from cpcal.robot import Pose, inverse, quaternion_conjugate, quaternion_product, rotation_vector, transformed
@@ -34,6 +35,15 @@ def case():
 @pytest.fixture(scope="module")
 def frames(case):
     return certify_hand_eye(case[1], within=Within(50.0, 2.0), tolerance=0.1)
+
+
+def test_what_four_configurations_leave_open_is_said_and_has_no_negative_variance(case):
+    whole = study_of_robot(case[0])
+    four = with_half_widths(whole.part(np.linspace(0, len(whole.images) - 1, 4).astype(int)), "1,0.1")
+    found = classical_answer(four)
+    assert (np.diagonal(found.covariance) > 0.0).all()
+    assert [said for said in found.remarks if "not at all" in said] == list(found.remarks)
+    assert len(found.remarks) == 2
 
 
 def test_the_frames_of_the_simulation_lie_in_the_ranges(case, frames):
