@@ -12,7 +12,6 @@ brackets of eps* have no number in common, or where the point that solves all eq
 the enclosure that the other one proved for the larger.
 """
 
-import argparse
 import json
 import subprocess
 import sys
@@ -21,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import cpcal
+from benchmarks import run_by_hand
 
 SEEDS = range(100, 120)
 JOINT_ERRORS = (0.0, 1.0, 3.0, 10.0)  # mm, campaign by campaign in turn
@@ -78,32 +78,22 @@ def contradictions(old: Answer, new: Answer) -> list[str]:
     return out
 
 
-def compare(old: dict[str, Answer], new: dict[str, Answer]) -> int:
+def write(file: Path) -> None:
+    file.write_text(json.dumps(campaigns() | demo(), indent=1) + "\n")
+
+
+def compare(old: Path, new: Path) -> None:
     """How many answers are contradicted or missing; each is printed."""
+    before, after = (json.loads(path.read_text()) for path in (old, new))
     wrong = 0
-    for name, before in old.items():
-        found = contradictions(before, new[name]) if name in new else ["is missing"]
+    for name, answer in before.items():
+        found = contradictions(answer, after[name]) if name in after else ["is missing"]
         wrong += bool(found)
         if found:
             print(f"{name}: CONTRADICTED: {'; '.join(found)}")
-    print(f"{len(old)} answers, {wrong} contradicted or missing")
-    return wrong
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    verbs = parser.add_subparsers(dest="verb", required=True)
-    written = verbs.add_parser("write")
-    written.add_argument("file", type=Path)
-    compared = verbs.add_parser("compare")
-    compared.add_argument("old", type=Path)
-    compared.add_argument("new", type=Path)
-    asked = parser.parse_args()
-    if asked.verb == "write":
-        asked.file.write_text(json.dumps(campaigns() | demo(), indent=1) + "\n")
-        return 0
-    return int(compare(*(json.loads(path.read_text()) for path in (asked.old, asked.new))) > 0)
+    print(f"{len(before)} answers, {wrong} contradicted or missing")
+    sys.exit(wrong > 0)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_by_hand(write, compare)

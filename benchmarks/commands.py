@@ -37,39 +37,26 @@ def leg(number: int = 1, error: float = 1, count: int = 64, delta: float = 100, 
 _PEERS = (*OURS, "gurobi", "scip", "least-squares")
 _LEGS = [leg(k, count=n, uncertain=uncertain) for uncertain, n, k in product((False, True), SIZES, (1, 5))]
 _KINDS = [leg(delta=d) for d in (1, 10, 100, 1000)] + [leg(error=0), leg(error=10), leg(5, error=10), leg(count=704)]
+_WHOLE = ("certify-1e-06", "prove-1e-06")
+_QUICK = [(name, MINIMISE, OURS) for name in (*_KINDS, leg(count=7744))]
+_QUICK += [(leg(), task, OURS) for task in ("refute-0.5", "refute-0.9")]
+_TWO = (leg(), leg(5, error=10))
+_SCALING = [leg(error=e, count=n) for e, n in product((0, 1, 10), SIZES)]
+_SPINE = [(name, task, ("lifted",)) for task in _WHOLE for name in _LEGS]
+_SPINE += [(name, MINIMISE, ("lifted",)) for name in problems_.CABLES]
 SUITES = {
     "quick": Suite(
-        "cpcal on every kind of problem, in minutes",
-        60.0,
-        3,
-        (
-            *((name, MINIMISE, OURS) for name in (*_KINDS, leg(count=7744))),
-            *((leg(), task, OURS) for task in ("refute-0.5", "refute-0.9")),
-            *((leg(), task, ("lifted",)) for task in ("certify-1e-06", "prove-1e-06")),
-        ),
-    ),
+        "cpcal on every kind of problem, in minutes", 60.0, 3,
+        (*_QUICK, *((leg(), task, ("lifted",)) for task in _WHOLE))),
     "peers": Suite(
-        "everything that can be asked",
-        60.0,
-        3,
-        tuple((n, task, _PEERS) for n in (leg(), leg(5, error=10)) for task in (MINIMISE, "refute-0.9", "refute-0.5")),
-    ),
+        "everything that can be asked", 60.0, 3,
+        tuple((name, task, _PEERS) for name in _TWO for task in (MINIMISE, "refute-0.9", "refute-0.5"))),
     "scaling": Suite(
-        "64 to 7,744 measurements, joint errors of 0 to 10 mm",
-        120.0,
-        3,
-        tuple((leg(error=e, count=n), MINIMISE, (*OURS, "gurobi", "scip")) for e, n in product((0, 1, 10), SIZES)),
-    ),
+        "64 to 7,744 measurements, joint errors of 0 to 10 mm", 120.0, 3,
+        tuple((name, MINIMISE, (*OURS, "gurobi", "scip")) for name in _SCALING)),
     "spine": Suite(
-        "the main job: legs, readings exact and uncertain; certificates; cables",
-        300.0,
-        3,
-        (
-            *((name, task, ("lifted",)) for task in ("certify-1e-06", "prove-1e-06") for name in _LEGS),
-            *((name, MINIMISE, ("lifted",)) for name in problems_.CABLES),
-        ),
-    ),
-}
+        "the main job: legs, readings exact and uncertain; certificates; cables", 300.0, 3, tuple(_SPINE)),
+}  # fmt: skip
 
 app = typer.Typer(help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 Names = list[str] | None
@@ -101,9 +88,7 @@ def run(
     repeat: Annotated[int | None, typer.Option(min=1, help="Repetitions (default: the suite's).")] = None,
     limit: Annotated[float | None, typer.Option(min=0.01, help="Seconds for each run (default: the suite's).")] = None,
     methods: Annotated[Names, typer.Option("--method", "-m", help="Ask only these methods, also others.")] = None,
-    problems: Annotated[
-        Names, typer.Option("--problem", "-p", help="Ask about only these problems, also others.")
-    ] = None,
+    problems: Annotated[Names, typer.Option("--problem", "-p", help="Ask only about these, also others.")] = None,
     tasks: Annotated[Names, typer.Option("--task", "-t", help="Ask only these tasks, also others.")] = None,
 ) -> None:
     """Run a suite, or a part of it. The output is written after every task: little is lost when it is stopped."""
@@ -149,9 +134,6 @@ def page(files: Annotated[list[Path], typer.Argument(help="JSON files of results
         print(path.with_suffix(".md"))
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# Results as Markdown.
-
 _HEADER = ("method", "result", "CPU s", "ratio", "wall s", "nodes", "LPs", "figures")
 _UNITS = {"check": "s", "size": "kB"}
 _TINY = 1e-9  # mm, below which no relative difference is sensible
@@ -185,9 +167,8 @@ work, too.
         base = next((run.cpu for run in shown if run.status == ANSWERED), math.nan)
         skipped = "".join(f"- `{run.method}` was not asked: {run.note}\n" for run in here if run.status == SKIPPED)
         text = table(_HEADER, [_row(run, base) for run in shown]) if shown else ""
-        parts.append(
-            f"## {problem}: {task}\n\n{KINDS[kind]} ({value}){eps}.\n\n" + "\n".join(filter(None, (text, skipped)))
-        )
+        below = "\n".join(filter(None, (text, skipped)))
+        parts.append(f"## {problem}: {task}\n\n{KINDS[kind]} ({value}){eps}.\n\n{below}")
     return "\n".join(parts)
 
 
@@ -238,9 +219,8 @@ def contradictions(runs: list[Run]) -> list[Run]:
         lo, hi = proved.get(run.problem, (-math.inf, math.inf))
         over = (run.figures.get("lo", -math.inf) - hi) / max(hi, _TINY)
         under = (lo - run.figures.get("hi", math.inf)) / max(lo, _TINY)
-        wrong = [
-            f"{what} wrong by {by:.0e} (relative)" for what, by in (("lower bound", over), ("point", under)) if by > 0
-        ]
+        sides = (("lower bound", over), ("point", under))
+        wrong = [f"{what} wrong by {by:.0e} (relative)" for what, by in sides if by > 0]
         return replace(run, note="; ".join([*wrong, run.note])) if wrong else run
 
     return [examined(run) for run in runs]

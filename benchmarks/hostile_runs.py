@@ -6,7 +6,6 @@ prints the seconds of processor time and the MB of each: do little else meanwhil
 500 MB what it thinks of any of them; tests/checker/malformed sees to that with a twentieth of the work.
 """
 
-import argparse
 import json
 import os
 import resource
@@ -16,9 +15,12 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from itertools import chain, combinations_with_replacement, islice, repeat
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
+
+import typer
 
 import cpcal
+from benchmarks import run_by_hand
 
 SECONDS, MEGABYTES = 10, 500
 ZERO, ONE, FAR = "0x0p+0", "0x1p+0", "-0x1p+1000"
@@ -43,9 +45,8 @@ def measured(*arguments: object, seconds: int = 3 * SECONDS, megabytes: int = 3 
         resource.setrlimit(resource.RLIMIT_AS, (megabytes << 20, megabytes << 20))
 
     command = [sys.executable, "-I", "-S", str(Path(cpcal.__file__).parent / "checker"), *map(str, arguments)]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, preexec_fn=limited
-    ) as it:
+    pipe, merged = subprocess.PIPE, subprocess.STDOUT
+    with subprocess.Popen(command, stdout=pipe, stderr=merged, text=True, preexec_fn=limited) as it:
         said = it.stdout.read() if it.stdout else ""
         _, status, used = os.wait4(it.pid, 0)
         it.returncode = os.waitstatus_to_exitcode(status)
@@ -187,17 +188,10 @@ CASES |= {name: alone(name) for name in CERTIFICATES}
 # runs ---------------------------------------------------------------------------------------------------------------
 
 
-def run(case: Callable[[Path], None]) -> Callable[[Path], None]:
-    """A case that is a folder."""
-    CASES[case.__name__] = case
-    return case
-
-
 def campaign(folder: Path, measurements: int) -> None:
     """Of one leg, with reading sets."""
-    whole = {"format": "cpcal-campaign-exact/1"} | dict.fromkeys(
-        ("files", "robot", "uncertainty", "model", "provenance")
-    )
+    nothing = dict.fromkeys(("files", "robot", "uncertainty", "model", "provenance"))
+    whole = {"format": "cpcal-campaign-exact/1"} | nothing
     rows = (
         ["p", str(k), f"{k % 97}.{k + 12345678901}", "22.12345678901234", "402.3456789012345", "0.9876543210987654",
          "0.01234567890123456", f"0.0{k + 10000000001}", "0.0345678901234567", f"41{k % 9}.1234567890123",
@@ -221,35 +215,13 @@ def _leg(folder: Path, measurements: int, model: str, extra: int, steps: int) ->
     written(iter([head | {"only": None, "lo": lo, "hi": hi}, claims, *lines]), folder / "leg1.cert.jsonl")
 
 
-def result(folder: Path, **changes: Any) -> None:
-    """A result.json of no legs, of which nothing can be accepted."""
+def _result(folder: Path, measurements: int, **changes: Any) -> None:
+    """A campaign, and a result.json of no legs, of which nothing can be accepted."""
+    campaign(folder, measurements)
     whole = {"format": "cpcal-result/13", "legs": [], "information": {}} | changes
     (folder / "result.json").write_text(json.dumps(whole, separators=(",", ":")))
 
 
-@run
-def a_leg_with_rows_of_many_terms(folder: Path) -> None:
-    _leg(folder, 64, "gain", 1, 4000)
-
-
-@run
-def a_leg_of_a_short_model(folder: Path) -> None:
-    _leg(folder, 64, "plain", 0, 4000)
-
-
-@run
-def a_campaign_of_32_megabytes(folder: Path) -> None:
-    campaign(folder, 120_000)
-    result(folder)
-
-
-@run
-def a_result_of_floats(folder: Path) -> None:
-    campaign(folder, 4)
-    result(folder, information=[0.5] * 2_000_000)
-
-
-@run
 def forms_of_long_numbers(folder: Path) -> None:
     """An accuracy's certificate: what a form can be at most is a power of products of ends."""
     _leg(folder, 4, "plain", 0, 1)
@@ -262,7 +234,6 @@ def forms_of_long_numbers(folder: Path) -> None:
     (folder / "leg1.cert.jsonl").write_text("\n".join([json.dumps(head), *lines[1:]]))
 
 
-@run
 def a_study_of_many_points(folder: Path) -> None:
     """That no certificate speaks of."""
     camera: Line = {"size": [640, 480], "focal": [600.0, 600.5], "center": [320.0, 240.0], "model": "brown"}
@@ -282,27 +253,34 @@ def a_study_of_many_points(folder: Path) -> None:
     (folder / "handeye.json").write_text(json.dumps(found))
 
 
+CASES |= {
+    "a_leg_with_rows_of_many_terms": lambda folder: _leg(folder, 64, "gain", 1, 4000),
+    "a_leg_of_a_short_model": lambda folder: _leg(folder, 64, "plain", 0, 4000),
+    "a_campaign_of_32_megabytes": lambda folder: _result(folder, 120_000),
+    "a_result_of_floats": lambda folder: _result(folder, 4, information=[0.5] * 2_000_000),
+    "forms_of_long_numbers": forms_of_long_numbers,
+    "a_study_of_many_points": a_study_of_many_points,
+}
+
+
 def target(folder: Path) -> Path:
     """The run in a folder, or the certificate that is there alone."""
     alone = list(folder.glob("*.cert.jsonl"))
     return folder if not alone or (folder / "result.json").exists() else alone[0]
 
 
-def main(arguments: list[str]) -> int:
-    parser = argparse.ArgumentParser("hostile_runs")
-    parser.add_argument("names", nargs="*", choices=[*CASES, []])
-    parser.add_argument("--work", type=int, default=0)
-    given, worst = parser.parse_args(arguments), 0
-    for name in given.names or CASES:
+def main(names: Annotated[list[str] | None, typer.Argument()] = None, work: int = 0) -> None:
+    worst = False
+    for name in names or CASES:
         with tempfile.TemporaryDirectory() as folder:
             CASES[name](Path(folder))
-            found = measured(target(Path(folder)), "--work", given.work)
+            found = measured(target(Path(folder)), "--work", work)
         bad = found.seconds > SECONDS or found.megabytes > MEGABYTES or found.status not in (0, 1)
         worst |= bad
         last = (found.said.splitlines() or [""])[-1][:100]
         print(f"{name:40} {found.seconds:6.2f} s {found.megabytes:5.0f} MB  {'TOO MUCH' if bad else last}", flush=True)
-    return worst
+    sys.exit(worst)
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    run_by_hand(main)

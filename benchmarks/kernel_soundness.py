@@ -5,7 +5,6 @@ Random operand pairs of all magnitudes, signs and special bounds; for each kerne
 that arb can form are not compared, and counted apart. Exits with status 1 and names the operands where bounds miss one.
 """
 
-import argparse
 import math
 import sys
 from collections.abc import Callable
@@ -14,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from flint import arb, ctx
 
+from benchmarks import run_by_hand
 from cpcal.common.values import Floats
 from cpcal.solver.interval import functions, kernels
 
@@ -87,18 +87,15 @@ def swept(name: str, pairs: int, seed: int) -> Swept:
 _CAPPED = ("exp",)
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--pairs", type=int, default=10_000, help="operand pairs for each kernel (nightly: 10000000)")
-    parser.add_argument("--seed", type=int, default=0)
-    asked = parser.parse_args()
-    wrong = 0
+def main(pairs: int = 10_000, seed: int = 0) -> None:
+    """`pairs` of operands for each kernel (nightly: 10000000)."""
+    wrong = False
     for name in KERNELS:
-        compared, found = swept(name, asked.pairs, asked.seed)
-        wrong += found is not None
-        print(found or f"{name}: {asked.pairs} operand pairs, {compared} with a value, all enclosed", flush=True)
-    return int(wrong > 0)
+        compared, found = swept(name, pairs, seed)
+        wrong |= found is not None
+        print(found or f"{name}: {pairs} operand pairs, {compared} with a value, all enclosed", flush=True)
+    sys.exit(wrong)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_by_hand(main)

@@ -16,7 +16,6 @@ one command for all. Neither keeps a list, says which tests must notice a change
 is made from the text of several files.
 """
 
-import argparse
 import json
 import os
 import re
@@ -31,6 +30,8 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
+
+from benchmarks import run_by_hand
 
 HERE = Path(__file__).parents[1]
 LIST = Path(__file__).with_suffix(".toml")
@@ -137,14 +138,9 @@ def run_tests(tests: str, root: Path, seconds: float) -> tuple[int, str]:
     command = [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", "--tb=line", "-p", "no:cacheprovider"]
     environment = {**os.environ, "PYTHONPATH": str(root), "CPCAL_QUIET": "1"}
     with subprocess.Popen(
-        [*command, *shlex.split(tests)],
-        cwd=root,
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        start_new_session=True,  # so that processes which tests began end with them
-    ) as process:
+        [*command, *shlex.split(tests)], cwd=root, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        text=True, start_new_session=True,  # so that processes which tests began end with them
+    ) as process:  # fmt: skip
         try:
             printed, _ = process.communicate(timeout=seconds)
         except subprocess.TimeoutExpired:
@@ -188,45 +184,39 @@ def _paths(tests: str) -> list[str]:
     return [part for part in shlex.split(tests) if part.startswith(("tests/", "docs/"))]
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.mutants_of_code", description=__doc__.split("\n")[0])
-    parser.add_argument("--area", help="mutants of this area alone")
-    parser.add_argument("--only", default="", help="mutants whose false statement holds these words")
-    parser.add_argument("--processes", type=int, default=1, help="mutants at a time")
-    parser.add_argument("--seconds", type=float, default=300.0, help="after which a mutant's tests are ended")
-    parser.add_argument("--log", type=Path, help="a file for lines of JSON: mutant and the test that noticed it")
-    asked = parser.parse_args(arguments)
-    mutants = [m for m in read() if asked.area in (None, m.area) and asked.only in m.false]
+def main(area: str = "", only: str = "", processes: int = 1, seconds: float = 300.0, log: Path | None = None) -> None:
+    """Mutants of an area alone, or whose false statement holds the words `only`; `processes` at a time, tests ended
+    after `seconds`. `log` gets lines of JSON: mutant and the test that noticed it."""
+    mutants = [m for m in read() if area in ("", m.area) and only in m.false]
     errors = misplaced(mutants)
     if errors or not mutants:
         print("\n".join(errors) or "no mutant is called so", file=sys.stderr)
-        return 2
+        sys.exit(2)
     outcomes: list[Outcome] = []
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         original = copy_of(HERE, Path(folder) / "tree")
-        failing = unchanged_failures(mutants, original, asked.seconds, asked.processes)
+        failing = unchanged_failures(mutants, original, seconds, processes)
         errors += failing.values()
         mutants = [mutant for mutant in mutants if mutant.tests not in failing]
-        with ThreadPoolExecutor(asked.processes) as pool:
-            for mutant, job in [(m, pool.submit(outcome, m, original, asked.seconds)) for m in mutants]:
+        with ThreadPoolExecutor(processes) as pool:
+            for mutant, job in [(m, pool.submit(outcome, m, original, seconds)) for m in mutants]:
                 try:
                     found = job.result()
                 except MutantError as error:
                     errors.append(str(error))
                     continue
                 outcomes.append(found)
-                print(
-                    f"{mutant.area}: {mutant.false}: {found.noticed_by or 'NOT NOTICED'}", file=sys.stderr, flush=True
-                )
-                if asked.log:
-                    with asked.log.open("a", encoding="utf-8") as log:
-                        log.write(json.dumps({"mutant": mutant.false, "noticed_by": found.noticed_by}) + "\n")
+                said = f"{mutant.area}: {mutant.false}: {found.noticed_by or 'NOT NOTICED'}"
+                print(said, file=sys.stderr, flush=True)
+                if log:
+                    with log.open("a", encoding="utf-8") as lines:
+                        lines.write(json.dumps({"mutant": mutant.false, "noticed_by": found.noticed_by}) + "\n")
     if outcomes:
         print(table(outcomes))
     print("\n".join(errors), file=sys.stderr)
     noticed = sum(bool(found.noticed_by) for found in outcomes)
-    return 2 if errors else int(noticed < SHARE * len(outcomes))
+    sys.exit(2 if errors else int(noticed < SHARE * len(outcomes)))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_by_hand(main)

@@ -11,7 +11,6 @@ trials of each row are certified too, and checked.
 Widths are half-widths of the sets, medians over the trials, um and urad; seconds are those of one processor.
 """
 
-import argparse
 import tempfile
 import time
 from dataclasses import replace
@@ -20,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import run_by_hand
 from benchmarks.vision_scenes import Setting, facing_poses, one, simulated_views
 from cpcal.checker.sight import check_pose_set
 from cpcal.common.values import Floats, Indices
@@ -85,21 +85,14 @@ def trial(
     return figures
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--trials", type=int, default=60)
-    parser.add_argument("--half-width", type=float, default=0.05, help="pixels")
-    parser.add_argument("--outliers", type=int, default=0)
-    parser.add_argument("--certified", type=int, default=6)
-    parser.add_argument("--seed", type=int, default=0)
-    asked = parser.parse_args()
-    print(f"boxes of +-{asked.half_width} px, {asked.outliers} outliers; half-widths in um and urad")
+def main(trials: int = 60, half_width: float = 0.05, outliers: int = 0, certified: int = 6, seed: int = 0) -> None:
+    print(f"boxes of +-{half_width} px, {outliers} outliers; half-widths in um and urad")
     print(f"{'':<18} {'inside':>7} {'s':>6}", " ".join(f"{name:>7}" for name in COLUMNS))
     plates = {"": TargetSet(DELTALAB_TARGET), ", plate": TargetSet(DELTALAB_TARGET, PLATE)}
     cameras = {"exact": CameraSet(DELTALAB_CAMERA), "ellipsoid": calibrated()}
     for (name, camera), (with_, plate) in ((c, p) for c in cameras.items() for p in plates.items()):
-        rng, given = np.random.default_rng(asked.seed), (camera, plate, asked.half_width, asked.outliers)
-        rows = [trial(rng, *given, k < asked.certified) for k in range(asked.trials)]
+        rng, given = np.random.default_rng(seed), (camera, plate, half_width, outliers)
+        rows = [trial(rng, *given, k < certified) for k in range(trials)]
         inside, seconds = sum(row["inside"] for row in rows), np.median([row["seconds"] for row in rows])
         widths = 1e3 * np.nanmedian([row["widths"] for row in rows], axis=0) * [1, 1, 1, 1e3, 1e3, 1e3]
         refused = sum(not row.get("accepted", True) for row in rows)
@@ -108,4 +101,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_by_hand(main)

@@ -268,14 +268,9 @@ def perform(job: Job, setup: float = _SETUP) -> Run:
 def _started(job: Job, errors: IO[str]) -> subprocess.Popen[str]:
     path = os.pathsep.join([str(Path(__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])])
     process = subprocess.Popen(
-        [sys.executable, "-m", "benchmarks.runs"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=errors,
-        text=True,
-        env={**os.environ, **ONE_THREAD, "PYTHONPATH": path},
-        start_new_session=True,
-    )
+        [sys.executable, "-m", "benchmarks.runs"], env={**os.environ, **ONE_THREAD, "PYTHONPATH": path}, text=True,
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, start_new_session=True,
+    )  # fmt: skip
     assert process.stdin is not None
     with contextlib.suppress(BrokenPipeError):
         process.stdin.write(json.dumps(asdict(job)))

@@ -7,7 +7,6 @@ seconds of wall and of processor time. `--limit` is processor time: other work o
 renews the rows of these problems in benchmarks/pages/problems.md and .json.
 """
 
-import argparse
 import json
 import math
 import os
@@ -17,9 +16,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import typer
 
 import cpcal
+from benchmarks import run_by_hand
 from cpcal.problems.problem import answer, load_problem
 from cpcal.solver.contract import Verdict
 from cpcal.solver.execution.stopping import Reason, also_asked_by, heard
@@ -64,8 +66,7 @@ def run(name: str, limit: float) -> ProblemRow:
         found = answer(problem)
     seconds, processor = time.perf_counter() - wall, time.process_time() - began
     if found.objective is not None:
-        lo, hi = found.objective
-        least = known["least"]
+        (lo, hi), least = found.objective, known["least"]
         said, text = f"{least:g}", f"[{lo:.9g}, {hi:.9g}]"
         near = max(_CLOSE * abs(least), _PRINTED)
         complete = found.verdict is Verdict.PROVED and lo - near <= least <= hi + near
@@ -94,21 +95,17 @@ def page(rows: list[ProblemRow], limit: float) -> str:
     missed = [row.name for row in rows if not row.complete]
     done = f"{len(rows) - len(missed)} of {len(rows)} complete"
     lines = [
-        "# Classic problems",
-        "",
+        "# Classic problems", "",
         f"`python -m benchmarks.solver_problems --limit {limit:g} --page`: `solve()` and `minimize()` without options,",
         f"{limit:g} s of processor time each, one process, {platform.machine()}, Python {platform.python_version()}.",
         "Each row says when it was run (UTC) and the load of the machine then: with other work wall time is longer,",
-        "and processor time, too, by a third or so.",
-        "",
-        f"{done}. Misses: {', '.join(missed) or 'none'}.",
-        "",
+        "and processor time, too, by a third or so.", "",
+        f"{done}. Misses: {', '.join(missed) or 'none'}.", "",
         "ibex was not run: the column has what github.com/ibex-team/ibex-lib publishes: doc/solver.rst",
-        "(kin1), or the folder of benchs/optim in which it keeps the problem; empty where it publishes nothing.",
-        "",
+        "(kin1), or the folder of benchs/optim in which it keeps the problem; empty where it publishes nothing.", "",
         "| problem | unknowns | rows | literature | proved | complete | nodes | s | processor s | ibex | run |",
         f"|{' --- |' * 11}",
-    ]
+    ]  # fmt: skip
     for r in rows:
         word = "yes" if r.complete else "no"
         cells = (r.name, r.unknowns, r.constraints, r.literature, r.found, word, r.nodes)
@@ -126,27 +123,22 @@ def _renew(row: ProblemRow, limit: float) -> None:
     (PAGES / "problems.md").write_text(page(rows, limit))
 
 
-def main() -> None:
+def main(names: Annotated[list[str] | None, typer.Argument()] = None, limit: float = 60.0, page: bool = False) -> None:
     """Run the named problems, or all."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("names", nargs="*")
-    parser.add_argument("--limit", type=float, default=60.0, metavar="SECONDS")
-    parser.add_argument("--page", action="store_true")
-    given = parser.parse_args()
     load = cpcal.Network("warm")
     x = load.variable("x", 2, (-2, 2))
     load.add([x[0] ** 2 + x[1] ** 2 == 1, x[0] == x[1]])
     load.solve()  # compiles and loads
     rows = []
-    for name in given.names or sorted(literature()):
-        row = run(name, given.limit)
+    for name in names or sorted(literature()):
+        row = run(name, limit)
         rows.append(row)
-        if given.page:
-            _renew(row, given.limit)
+        if page:
+            _renew(row, limit)
         cost = f"{row.nodes:>7} {row.seconds:>7.2f} {row.processor:>7.2f}"
         print(f"{' ' if row.complete else '*'} {row.name:24} {row.literature:>16}  {row.found:36} {cost}", flush=True)
     print(f"{sum(row.complete for row in rows)} of {len(rows)} complete")
 
 
 if __name__ == "__main__":
-    main()
+    run_by_hand(main)

@@ -23,7 +23,6 @@ fail though the true parameters do not.
 mistakes: one counts as named when the first sentence has its name. Of the small hexapod a twentieth is off.
 """
 
-import argparse
 import json
 import tempfile
 import time
@@ -36,6 +35,7 @@ import numpy as np
 import numpy.typing as npt
 
 import cpcal
+from benchmarks import run_by_hand
 from benchmarks.wrong_ways import WRONG_WAYS
 from cpcal.calibration import averaged
 from cpcal.checker import check_run
@@ -80,13 +80,8 @@ def _studied(options: dict[str, float], count: int, more: int = 0) -> tuple[Camp
     """A campaign of means, with `more` random poses, and `count` unseen true poses with their readings. "bump": mm, of
     the error that vanishes at both ends of the stroke."""
     bump, given = options.get("bump", 0.0), {name: value for name, value in options.items() if name != "bump"}
-    settings: dict[str, Any] = {
-        "runs": 11,
-        "validation_runs": 11,
-        "random_poses": max(more, 1),
-        "truncate": 3.0,
-    } | given
-    study = simulate_study(**settings)
+    settings: dict[str, Any] = {"runs": 11, "validation_runs": 11, "random_poses": max(more, 1), "truncate": 3.0}
+    study = simulate_study(**settings | given)
     truth, parts = study.truth, list[Campaign]()
     assert truth is not None
 
@@ -110,16 +105,16 @@ def _sets(campaign: Campaign, errors: list[float], known: Floats) -> list[Certif
     return sets
 
 
-def accuracy(asked: argparse.Namespace) -> None:
+def accuracy(poses: int = 100, seeds: int = 2) -> None:
     """Bounds, and U, of poses that nobody measured."""
     print("study: model error [mm]; U holds at; U / truth; outside of the bound; bound / truth; bound / attained")
     rows = []
-    for options in ({**kind, "seed": seed} for kind in KINDS for seed in range(1, 1 + asked.seeds)):
-        campaign, every, readings = _studied(options, asked.poses + _OTHERS)
+    for options in ({**kind, "seed": seed} for kind in KINDS for seed in range(1, 1 + seeds)):
+        campaign, every, readings = _studied(options, poses + _OTHERS)
         others = Campaign.of(campaign.robot, every.position, every.quaternion, readings, exact=True)
-        known, here = np.stack([fit_model(campaign, leg) for leg in range(1, 7)]), every.rows(np.arange(asked.poses))
+        known, here = np.stack([fit_model(campaign, leg) for leg in range(1, 7)]), every.rows(np.arange(poses))
         robot = Robot.from_parameters("controller", known)
-        commanded = forward_kinematics(robot, readings[: asked.poses], here)
+        commanded = forward_kinematics(robot, readings[:poses], here)
         (position, angle), u = distances(here, commanded), expanded_uncertainty(campaign, robot, commanded)
         errors = [_true_error(campaign, others, leg) for leg in range(1, 7)]
         sets = _sets(campaign, errors, known)
@@ -129,10 +124,8 @@ def accuracy(asked: argparse.Namespace) -> None:
         ratios = u.max() / position.max(), found.position.max() / position.max(), np.median(found.position / reached)
         rows.append((100.0 * np.mean(position <= u), *ratios, outside))
         holds, first, second, third = map("{:.3g}".format, rows[-1][:4])
-        print(
-            f"{options}: {min(errors):.3f} to {max(errors):.3f}; {holds} %; {first}; {outside}; {second}; {third}",
-            flush=True,
-        )
+        said = f"{holds} %; {first}; {outside}; {second}; {third}"
+        print(f"{options}: {min(errors):.3f} to {max(errors):.3f}; {said}", flush=True)
     table = np.array(rows)
     least, most, middle = table.min(axis=0), table.max(axis=0), np.median(table, axis=0)
     print(f"U holds at {least[0]:.3g} to {most[0]:.3g} %; outside of the bound {table[:, 4].sum():.0f} of all")
@@ -140,15 +133,15 @@ def accuracy(asked: argparse.Namespace) -> None:
         print(f"{name}: median {middle[k]:.3g}, from {least[k]:.3g} to {most[k]:.3g}")
 
 
-def default(asked: argparse.Namespace) -> None:
+def default(campaigns: int = 20, poses: int = 100) -> None:
     """The model error that is suggested, where nobody states one."""
     print("study, random poses measured: suggested [mm]; outside of the bound, of these named, named, of")
     counts = np.zeros(4, dtype=int)
     kinds = [*KINDS[::2], {"bump": _BUMP}]
-    for k in range(asked.campaigns):
+    for k in range(campaigns):
         kind = kinds[k % len(kinds)]
         more = 12 * (k // len(kinds) % 2)
-        campaign, here, readings = _studied({**kind, "seed": k + 1}, asked.poses, more)
+        campaign, here, readings = _studied({**kind, "seed": k + 1}, poses, more)
         known = np.stack([fit_model(campaign, leg) for leg in range(1, 7)])
         commanded = forward_kinematics(Robot.from_parameters("controller", known), readings, here)
         away = distance_from_measured(campaign, readings)
@@ -156,7 +149,7 @@ def default(asked: argparse.Namespace) -> None:
         found = cell_bounds(Cells.of_poses(commanded), _sets(campaign, errors, known))[1]
         position, angle = distances(here, commanded)
         outside, named = (position > found.position) | (angle > found.rotation), (away > FAR).any(axis=1)
-        row = [*(int(np.sum(of)) for of in (outside, outside & named, named)), asked.poses]
+        row = [*(int(np.sum(of)) for of in (outside, outside & named, named)), poses]
         counts += row
         print(f"{kind}, {more}: {min(errors):.3f} to {max(errors):.3f}; {', '.join(map(str, row))}", flush=True)
     print(f"all: outside {counts[0]}, of these named {counts[1]}; named {counts[2]}; of {counts[3]}")
@@ -186,13 +179,13 @@ def _joined(campaigns: list[Campaign]) -> Campaign:
     return Campaign.of(campaigns[0].robot, *map(arrays.pop, ARRAYS[:3]), pose=pose, run=run, **arrays)
 
 
-def outliers(asked: argparse.Namespace) -> None:
+def outliers(campaigns: int = 50, outliers: str = "1,2,3") -> None:
     """Wrong measurements, found and proved."""
     print(" q found proved   of  median: certificates  kB  seconds (largest)")
-    for q in map(int, asked.outliers.split(",")):
+    for q in map(int, outliers.split(",")):
         found = proved = 0
         figures = []
-        for seed in range(1, 1 + asked.campaigns):
+        for seed in range(1, 1 + campaigns):
             good = simulate(seed=seed, joint_error=0.1, noise=0.1, truncate=3.0)
             rng = np.random.default_rng([seed, q])
             wrong = rng.choice(len(good), q, replace=False)
@@ -212,27 +205,27 @@ def outliers(asked: argparse.Namespace) -> None:
             figures.append((len(leg.bracket.proofs), size / 1000.0, seconds))
         files, kilobytes, cpu = np.median(np.array(figures), axis=0)
         worst = max(row[2] for row in figures)
-        print(f"{q:2} {found:5} {proved:6} {asked.campaigns:4} {files:21.0f} {kilobytes:4.0f} {cpu:8.1f} ({worst:.1f})")
+        print(f"{q:2} {found:5} {proved:6} {campaigns:4} {files:21.0f} {kilobytes:4.0f} {cpu:8.1f} ({worst:.1f})")
 
 
 MODEL_ERRORS = ("noise", "joint", "sag", "gain", "axis")
 _SIGMAS = np.repeat([0.03, 1e-4, 0.02], [3, 3, 1])
 
 
-def tolerance(asked: argparse.Namespace) -> None:
+def tolerance(campaigns: int = 100) -> None:
     """The recommended parameters at unseen poses."""
     print("kind: ratios at T of 1/4, 1/2, 3/4, of the least E: medians; largest")
-    every = np.array([_recommended(k) for k in range(asked.campaigns)])
+    every = np.array([_recommended(k) for k in range(campaigns)])
     for k, kind in enumerate((*MODEL_ERRORS, "all")):
         found = every[k :: len(MODEL_ERRORS)] if k < len(MODEL_ERRORS) else every
         medians, largest = (" ".join(f"{v:.2f}" for v in f(found, axis=0)) for f in (np.median, np.max))
         print(f"{kind}: {medians}; {largest}")
 
 
-def verdicts(asked: argparse.Namespace) -> None:
+def verdicts(campaigns: int = 200) -> None:
     """False verdicts, over sensors and tolerances."""
     counts: Counter[str] = Counter()
-    for seed in range(asked.campaigns):
+    for seed in range(campaigns):
         rng = np.random.default_rng([seed, 1])
         campaign, errors, truth = _drawn(seed, 10.0 ** rng.uniform(-1.5, 0.5))
         (free,) = cpcal.certify(campaign, support="none").legs
@@ -294,11 +287,11 @@ def _recommended(seed: int) -> tuple[float, ...]:
     return tuple(value / every[0] for value in every[1:])
 
 
-def mistakes(asked: argparse.Namespace) -> None:
+def mistakes(clean: int = 100, wrong: int = 3) -> None:
     """Clean campaigns that are named, and mistakes that are not."""
     named, most, seconds = 0, 0.0, 0.0
-    for seed in range(asked.clean):
-        campaign = clean(seed)
+    for seed in range(clean):
+        campaign = clean_campaign(seed)
         began = time.process_time()
         said = suspicions(campaign)
         seconds = max(seconds, time.process_time() - began)
@@ -306,17 +299,15 @@ def mistakes(asked: argparse.Namespace) -> None:
         ratio = spread_of(campaign).ratio
         most = max(most, 0.0 if ratio is None else float(ratio.max()))
         print(*(f"clean campaign {seed}, {campaign.robot.name}: {sentence}" for sentence in said), sep="\n", end="")
-    print(
-        f"{named} of {asked.clean} clean campaigns named; residuals up to {most:.1f} times the stated; {seconds:.1f} s"
-    )
+    print(f"{named} of {clean} clean campaigns named; residuals up to {most:.1f} times the stated; {seconds:.1f} s")
     right, of, seconds = 0, 0, 0.0
-    for seed in range(1, 1 + asked.wrong):
+    for seed in range(1, 1 + wrong):
         campaign = simulate(seed=seed, deviation=float(seed), joint_error=0.1, random_poses=20 * (seed % 2))
-        for way, (wrong, name) in WRONG_WAYS.items():
+        for way, (entered, name) in WRONG_WAYS.items():
             if way in UNNAMED:
                 continue
             began = time.process_time()
-            said = suspicions(wrong(campaign))
+            said = suspicions(entered(campaign))
             seconds = max(seconds, time.process_time() - began)
             good = bool(said) and name in said[0]
             right, of = right + good, of + 1
@@ -328,7 +319,7 @@ def mistakes(asked: argparse.Namespace) -> None:
 UNNAMED = ("duplicate rows", "one outlier", "one wrong pose", "constant pose")  # `check` finds them otherwise
 
 
-def clean(seed: int) -> cpcal.Campaign:
+def clean_campaign(seed: int) -> cpcal.Campaign:
     """A campaign as it should be: every other one of the DeltaLab platform."""
     rng = np.random.default_rng(seed)
     known = list(ROBOTS.values())[(seed // 2) % len(ROBOTS) if seed % 2 else 0]
@@ -343,25 +334,5 @@ def clean(seed: int) -> cpcal.Campaign:
     return simulate(known.robot, seed=seed, random_poses=number, extremal=extremal, **options)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    studies = parser.add_subparsers(dest="study", required=True)
-    options: dict[str, dict[str, Any]] = {
-        "accuracy": {"poses": 100, "seeds": 2},
-        "default": {"campaigns": 20, "poses": 100},
-        "outliers": {"campaigns": 50, "outliers": "1,2,3"},
-        "tolerance": {"campaigns": 100},
-        "verdicts": {"campaigns": 200},
-        "mistakes": {"clean": 100, "wrong": 3},
-    }
-    for name, given in options.items():
-        study = studies.add_parser(name)
-        for option, value in given.items():
-            study.add_argument(f"--{option}", type=type(value), default=value)
-    asked = parser.parse_args()
-    known = (accuracy, default, outliers, tolerance, verdicts, mistakes)
-    next(study for study in known if study.__name__ == asked.study)(asked)
-
-
 if __name__ == "__main__":
-    main()
+    run_by_hand(accuracy, default, outliers, tolerance, verdicts, mistakes)

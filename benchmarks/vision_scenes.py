@@ -10,7 +10,6 @@ Measures with them, and prints:
    the centre of the dot's exact image, Cramer's and Rao's bound for a known blurred edge, errors over stated ones.
 """
 
-import argparse
 from collections import Counter
 from dataclasses import dataclass
 from typing import Any
@@ -19,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from benchmarks import run_by_hand
 from cpcal.common.values import Floats, Ints
 from cpcal.robot import Pose, quaternion_conjugate, quaternion_from_rotation_vector, quaternion_product, rotation_vector
 from cpcal.vision.calibrate import Calibration, TargetView
@@ -247,30 +247,25 @@ def normalised_errors(found: Calibration, camera: Camera) -> tuple[Floats, Float
     return error / found.standard_errors, np.linalg.solve(factor, error)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--lists", type=int, default=2000)
-    parser.add_argument("--images", type=int, default=20, help="of each kind")
-    parser.add_argument("--seed", type=int, default=0)
-    asked = parser.parse_args()
+def main(lists: int = 2000, images: int = 20, seed: int = 0) -> None:
+    """`images` of each kind."""
     opencv().setNumThreads(1)
-    for kind, told in identified(asked.lists, asked.seed).items() if asked.lists else ():
+    for kind, told in identified(lists, seed).items() if lists else ():
         print(f"{kind:24}", ", ".join(f"{told[word]} {word}" for word in ("right", "refused", "wrong")))
     for blur, noise in ((blur, noise) for blur in (0.5, 0.8, 1.2) for noise in (1.0, 2.0, 4.0)):
         found = []
-        for seed in range(asked.seed, asked.seed + asked.images):
-            rng = np.random.default_rng(seed)
+        for number in range(seed, seed + images):
+            rng = np.random.default_rng(number)
             x, y = rng.uniform(-0.4, 0.4, 2)
             scene, pose = Scene(blur, noise, gradient=(float(x), float(y))), one(facing_poses(rng, 1), 0)
-            found.append(errors(DELTALAB_TARGET, DELTALAB_CAMERA, pose, scene, seed, bright=True))
+            found.append(errors(DELTALAB_TARGET, DELTALAB_CAMERA, pose, scene, number, bright=True))
         if found:
-            each = (
-                np.concatenate([getattr(e, name).ravel() for e in found]) for name in ("pixels", "bound", "normalised")
-            )
+            names = ("pixels", "bound", "normalised")
+            each = (np.concatenate([getattr(e, name).ravel() for e in found]) for name in names)
             rms = ", ".join(f"{np.sqrt((values**2).mean()):.4f}" for values in each)
             lost = f"missing {sum(e.missing for e in found)}, false {sum(e.false for e in found)}"
             print(f"blur {blur}, noise {noise}: dots' errors, bound [px], over stated ones: {rms}; {lost}")
 
 
 if __name__ == "__main__":
-    main()
+    run_by_hand(main)

@@ -14,7 +14,6 @@ honest; the largest error of position; how many poses were marked as doubtful; t
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -24,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from benchmarks import run_by_hand
 from benchmarks.vision_scenes import bent, facing_poses, one, pose_error, true_centers
 from cpcal.common.values import Floats
 from cpcal.robot import Pose
@@ -32,16 +32,13 @@ from cpcal.vision.measure import NotMeasured, measure_pose
 from cpcal.vision.opencv import opencv
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
-# --------------------------------------------------------------------------------------------------------------------
-# What may be behind a target: discs, or a texture of small ones.
-
 Single = npt.NDArray[np.float32]
 
 cv2: Any = opencv()
 
 
 def background(size: tuple[int, int], world: World, rng: np.random.Generator) -> Single:
-    """Grey levels of fine places (height, width) before light and optics."""
+    """Grey levels of fine places (height, width) before light and optics: discs, or a texture of small ones."""
     grey = np.full(size, world.dark, dtype=np.float32)
     low, high = {"dark": (0.0, 0.0), "discs": (5.0, 9.0), "texture": (1.5, 2.3)}[world.background]
     for _ in range(world.amount):
@@ -203,9 +200,6 @@ def _light(camera: Camera, world: World, rng: np.random.Generator) -> Single | f
     return np.asarray(light, dtype=np.float32)
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# Poses by the condition of the image: found, right, and as good as stated?
-
 DIM = 0.55
 CONDITIONS = {
     "plain": World(),
@@ -245,47 +239,32 @@ def measured(world: World, images: int, seed: int) -> dict[str, Any]:
         except NotMeasured as reason:
             reasons["".join("#" if c.isdigit() else c for c in str(reason))] += 1
             continue
-        centers, pairs, error = (
-            true_centers(DELTALAB_TARGET, camera, true),
-            found.identification,
-            pose_error(true, found.estimate),
-        )
+        centers, pairs = true_centers(DELTALAB_TARGET, camera, true), found.identification
         wrong += np.linalg.norm(found.dots.centers[pairs.found] - centers[pairs.numbers], axis=1).max() > _WRONG
         doubtful += bool(found.doubt)
-        square, off = (
-            error @ np.linalg.solve(found.estimate.covariance, error) / 6.0,
-            found.centers - centers[found.numbers],
-        )
+        error, off = pose_error(true, found.estimate), found.centers - centers[found.numbers]
+        square = error @ np.linalg.solve(found.estimate.covariance, error) / 6.0
         rows.append(np.array([(off**2).mean(), square, np.abs(error[:3]).max()]))
     columns = np.array(rows).T if rows else np.full((3, 1), np.nan)
     return {
-        "images": images,
-        "found": len(rows),
-        "wrong": wrong,
-        "centres px": float(np.sqrt(columns[0].mean())),
-        "NEES/6": float(columns[1].mean()),
-        "largest mm": float(columns[2].max()),
-        "doubtful": doubtful,
-        "reasons": dict(reasons.most_common(3)),
-    }
+        "images": images, "found": len(rows), "wrong": wrong, "doubtful": doubtful,
+        "centres px": float(np.sqrt(columns[0].mean())), "NEES/6": float(columns[1].mean()),
+        "largest mm": float(columns[2].max()), "reasons": dict(reasons.most_common(3)),
+    }  # fmt: skip
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--images", type=int, default=10, help="of each condition")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", default="", help="words that a condition's name must hold one of")
-    asked = parser.parse_args()
+def main(images: int = 10, seed: int = 0, only: str = "") -> None:
+    """`images` of each condition whose name holds one of the words `only`."""
     cv2.setNumThreads(1)
     print("| condition | found | wrong | centres [px] | NEES/6 | largest error [mm] | doubtful |")
     print("| --- | --- | --- | --- | --- | --- | --- |")
     for name, world in CONDITIONS.items():
-        if any(word in name for word in asked.only.split(",")):
-            row = measured(world, asked.images, asked.seed)
+        if any(word in name for word in only.split(",")):
+            row = measured(world, images, seed)
             numbers = f"{row['centres px']:.4f} | {row['NEES/6']:.2f} | {row['largest mm']:.4f}"
             print(f"| {name} | {row['found']} of {row['images']} | {row['wrong']} | {numbers} | {row['doubtful']} |")
             print(*(f"  {n} x {r}" for r, n in row["reasons"].items()), flush=True)
 
 
 if __name__ == "__main__":
-    main()
+    run_by_hand(main)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cpcal.robot import Campaign, Pose, Robot, Uncertainty, inverse
+from cpcal.robot import Campaign, Pose, Robot, Uncertainty, inverse, rotation_vector
 from cpcal.robot.units import quaternion_from_euler
 
 
@@ -17,10 +17,6 @@ def changed(campaign, **changes):
 
 def euler(campaign, sequence):
     return Rotation.from_quat(campaign.quaternion, scalar_first=True).as_euler(sequence)
-
-
-def euler_vector(campaign):
-    return Rotation.from_quat(campaign.quaternion, scalar_first=True).as_rotvec()
 
 
 def of_other_axes(campaign, axes):
@@ -113,7 +109,7 @@ WRONG_WAYS: dict[str, tuple[Callable[[Campaign], Campaign], str]] = {
         "Euler angles xyz (or ZYX), not Euler angles XYZ"),
     "proper Euler angles": (lambda c: changed(c, quaternion=quaternion_from_euler("XYZ", euler(c, "ZXZ"))),
         "Euler angles ZXZ (or zxz), not Euler angles XYZ"),
-    "rotation vector": (lambda c: changed(c, quaternion=quaternion_from_euler("XYZ", euler_vector(c))),
+    "rotation vector": (lambda c: changed(c, quaternion=quaternion_from_euler("XYZ", rotation_vector(c.quaternion))),
         "rotations are rotation vectors, not Euler angles XYZ"),
     "one angle in radians": (
         lambda c: changed(c, quaternion=quaternion_from_euler("ZYX", euler(c, "ZYX") / [1.0, 57.29578, 1.0])),

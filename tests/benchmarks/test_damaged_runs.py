@@ -7,8 +7,7 @@ from functools import partial
 import pytest
 
 from benchmarks import damaged_runs
-from benchmarks.damage import MUTATIONS, mutated
-from benchmarks.damaged_runs import BAD, SUBJECTS, Subject, outcomes
+from benchmarks.damaged_runs import BAD, MUTATIONS, SUBJECTS, Subject, mutated, outcomes
 from benchmarks.genuine_runs import RUNS
 from tests.remembered import verify_once
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.methods import TaskQuestion, method
-from benchmarks.methods.peers import AB, BB, COLUMNS, OFFSET, A, B, Q, rows
+from benchmarks.methods import AB, BB, COLUMNS, OFFSET, A, B, Q, TaskQuestion, method, rows
 from benchmarks.problems import Leg, problem
 from benchmarks.runs import MINIMISE, MethodAnswer, Task
 from benchmarks.solver_problems import PROBLEMS, literature, page, run

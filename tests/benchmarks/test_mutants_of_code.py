@@ -82,6 +82,10 @@ def test_below_95_percent_the_exit_status_is_1(tree, monkeypatch, noticed, statu
     monkeypatch.setattr(mutants_of_code, "misplaced", lambda mutants: [])
     monkeypatch.setattr(mutants_of_code, "unchanged_failures", lambda *_: {})
     monkeypatch.setattr(mutants_of_code, "outcome", lambda m, *_: Outcome(m, "a test" * (int(m.false) < noticed)))
-    assert main([]) == status
+    with pytest.raises(SystemExit) as left:
+        main()
+    assert left.value.code == status
     monkeypatch.setattr(mutants_of_code, "misplaced", lambda mutants: ["a pattern is gone"])
-    assert main([]) == 2
+    with pytest.raises(SystemExit) as left:
+        main()
+    assert left.value.code == 2

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from benchmarks.studies import clean
+from benchmarks.studies import clean_campaign
 from benchmarks.wrong_ways import WRONG_WAYS
 from cpcal.robot import ROBOTS
 from cpcal.robot.campaign import Given
@@ -22,7 +22,7 @@ def changed(**changes):
 
 @pytest.mark.parametrize("seed", [*range(5), *(pytest.param(k, marks=pytest.mark.nightly) for k in range(5, 60))])
 def test_good_campaigns_raise_no_suspicion(seed):
-    assert suspicions(clean(seed)) == ()
+    assert suspicions(clean_campaign(seed)) == ()
 
 
 @pytest.mark.parametrize(

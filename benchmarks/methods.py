@@ -1,7 +1,7 @@
-"""Peers: Gurobi and SCIP (spatial branch and bound), least squares.
+"""Everything that can be asked: cpcal by its contractors' names, and peers, each behind a small adapter.
 
-Gurobi and SCIP get the best formulation found for them: squared, expanded, products shared. With q = a.a - l*l and one
-column for each product a_i b_j and b_i b_j, every measurement is linear,
+Gurobi and SCIP (spatial branch and bound) get the best formulation found for them: squared, expanded, products shared.
+With q = a.a - l*l and one column for each product a_i b_j and b_i b_j, every measurement is linear,
 
     E = q + b'R'R b - 2 a'R b + 2 P'R b - 2 P.a - 2 L l + P.P - L^2
     E - 2 L eps - 2 l eps - eps^2 <= 0 <= E + 2 L eps + 2 l eps - eps^2,          L + l >= eps.
@@ -9,19 +9,147 @@ column for each product a_i b_j and b_i b_j, every measurement is linear,
 The coefficients are rounded to doubles, so that no answer is certified for the exact data.
 """
 
+import tempfile
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
-from benchmarks.methods import TaskQuestion, Work
-from benchmarks.problems import Leg
-from benchmarks.runs import MethodAnswer, Unsupported
+import cpcal
+from benchmarks.problems import Leg, PosedProblem
+from benchmarks.runs import MethodAnswer, Task, Unsupported
+from cpcal.checker import check
 from cpcal.common.values import Floats
+from cpcal.files import campaign_sha256
 from cpcal.models import fit_model, model_residuals
+from cpcal.questions import LegResult
 from cpcal.robot import rotation_matrix
+from cpcal.solver import plugins
+from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.optimize.bound import minimize, run
+
+Work = Callable[[], MethodAnswer]
+
+
+@dataclass(frozen=True)
+class TaskQuestion:
+    """`eps` (mm) is the tolerance that a task is about, where it is about one; `limit` is in seconds."""
+
+    problem: PosedProblem
+    task: Task
+    eps: float | None
+    limit: float
+
+    @property
+    def leg(self) -> Leg:
+        """The problem as a leg with exact readings. Raises Unsupported."""
+        if not isinstance(self.problem, Leg) or self.problem.uncertain:
+            raise Unsupported("is written for legs with exact readings only")
+        return self.problem
+
+
+class Method(Protocol):
+    """`guarantee` says in a few words what its answers are worth."""
+
+    guarantee: str
+
+    def missing(self) -> str | None:
+        """Why it cannot run here, or None."""
+        ...
+
+    def prepare(self, question: TaskQuestion) -> Work:
+        """Read what the problem says; the task itself is the returned function, which is timed. Raises Unsupported."""
+        ...
+
+
+class Cpcal:
+    """Answers are proved."""
+
+    guarantee = "proved"
+
+    def __init__(self, contractors: tuple[str, ...]) -> None:
+        self._contractors = contractors
+
+    def missing(self) -> str | None:
+        unknown = [name for name in self._contractors if name not in plugins.found()]
+        return f"no contractor is registered as {', '.join(unknown)}" if unknown else None
+
+    def prepare(self, question: TaskQuestion) -> Work:
+        _ready(question)
+        if question.task.kind in ("minimise", "refute"):
+            return lambda: self._search(question)
+        if not isinstance(question.problem, Leg):
+            raise Unsupported("the task is about legs")
+        leg = question.problem
+        if question.task.kind == "certify":
+            return lambda: self._certified(leg, leg.campaign, question, None)
+        place = tempfile.TemporaryDirectory()
+        _certify_another(leg, Path(place.name) / "before")
+        cpcal.save_campaign(leg.campaign, Path(place.name) / "campaign")
+        campaign = cpcal.load_campaign(Path(place.name) / "campaign")
+
+        def prove() -> MethodAnswer:
+            with place:
+                return self._certified(leg, campaign, question, Path(place.name) / "run")
+
+        return prove
+
+    def _search(self, question: TaskQuestion) -> MethodAnswer:
+        eps = question.eps
+        network = question.problem.network(eps)
+        named = plugins.build_each(network, self._contractors, objective="eps")
+        limits = Limits(seconds=question.limit, gap=question.task.value if eps is None else 1e-6)
+        start = question.problem.start
+        found = run(minimize(network, "eps", named, limits=limits, start=start), None)
+        bounds = {"lo": found.lo, "hi": found.hi} if eps is None else {}  # else nothing is said of eps*
+        wanted = Verdict.PROVED if eps is None else Verdict.REFUTED
+        figures = {**bounds, "nodes": found.nodes, "programs": found.programs}
+        return MethodAnswer(found.verdict is wanted, figures, found.verdict.value)
+
+    def _certified(
+        self, leg: Leg, campaign: cpcal.Campaign, question: TaskQuestion, folder: Path | None
+    ) -> MethodAnswer:
+        found: LegResult = cpcal.certify(
+            campaign, legs=[leg.leg], delta=leg.delta, gap=question.task.value, time_limit=question.limit,
+            contractors=self._contractors, certificates=folder,
+        ).legs[0]  # fmt: skip
+        figures = {"lo": found.bracket.lo, "hi": found.bracket.hi}
+        figures |= {"nodes": found.work.nodes, "programs": found.work.programs}
+        if folder is None:
+            answered = found.bracket.verdict is Verdict.PROVED
+            return MethodAnswer(answered, figures | {"support": float(len(found.support))}, found.bracket.verdict.value)
+        if found.bracket.certificate is None:
+            return MethodAnswer(False, figures, "no certificate")
+        began, file = time.perf_counter(), folder / found.bracket.certificate
+        steps = check(file).steps  # reads the campaign.json beside it
+        seconds, size = time.perf_counter() - began, file.stat().st_size / 1000
+        return MethodAnswer(True, figures | {"steps": steps, "size": size, "check": seconds}, "checked")
+
+
+def _ready(question: TaskQuestion) -> None:
+    """Data and fit belong to the problem, compiled code to the libraries: have them before the clock starts."""
+    net = cpcal.Network()
+    x = net.variable("x", 2, ((-2.0, -2.0), (2.0, 2.0)))
+    eps = net.variable("eps", (), (0.0, 9.0))
+    net.add((cpcal.norm(np.array([[3.0, 0.0], [0.0, 3.0], [-3.0, 0.0]]) - x) - 2.5).within((-eps, eps)))
+    net.minimize(eps)
+    problem = question.problem
+    _ = problem.measurements, problem.start
+    if isinstance(problem, Leg):
+        _certify_another(problem, None)
+        _ = campaign_sha256(problem.campaign)  # belongs to reading the files
+
+
+def _certify_another(leg: Leg, folder: Path | None) -> None:
+    """Another leg of such readings, in a small box, with a certificate for those who write one."""
+    other = cpcal.simulate(seed=2, joint_error=1.0, factor=3.0 if leg.uncertain else 0.0)
+    cpcal.certify(other, legs=[1], delta=1.0, certificates=folder)
+
 
 A, B, OFFSET, Q = range(3), range(3, 6), 6, 7  # columns: a, b, l, q, then the products
 AB = {(i, j): 8 + 3 * i + j for i in range(3) for j in range(3)}
@@ -170,21 +298,31 @@ class Scip(_Peer):
         return work
 
 
-class LeastSquares:
+class LeastSquares(_Peer):
     """cpcal's own fit, from the nominal parameters."""
 
-    guarantee = "a point only"
+    guarantee, package = "a point only", "cpcal"
 
-    def missing(self) -> str | None:
-        return None
-
-    def prepare(self, question: TaskQuestion) -> Work:
+    def work(self, leg: Leg, question: TaskQuestion) -> Work:
         if question.task.kind != "minimise":
             raise Unsupported("bounds nothing")
-        leg = question.leg
 
         def work() -> MethodAnswer:
             residuals = model_residuals(leg.campaign, leg.leg, fit_model(leg.campaign, leg.leg))
             return MethodAnswer(False, {"hi": float(np.abs(residuals).max())}, "no lower bound")
 
         return work
+
+
+PEERS: dict[str, Callable[[], Method]] = {"scip": Scip, "gurobi": Gurobi, "least-squares": LeastSquares}
+
+
+def method(name: str) -> Method:
+    """A peer, a `module:Class` of a user, or cpcal with contractors, "hc4,lifted"."""
+    if name in PEERS:
+        return PEERS[name]()
+    module, _, member = name.partition(":")
+    if not member:
+        return Cpcal(tuple(name.split(",")))
+    made: Method = getattr(import_module(module), member)()
+    return made
