@@ -97,7 +97,7 @@ class Proposed:
     @cached_property
     def _all(self) -> tuple[Floats, npt.NDArray[np.intc]]:
         """With the exponent of the largest of each kind."""
-        largest = np.array([_exponent(values) for values in self.weights], np.intc)
+        largest = np.array([math.frexp(values.max(initial=0.0))[1] for values in self.weights], np.intc)
         return np.concatenate(self.weights), np.repeat(largest, [values.size for values in self.weights])
 
     def exact(self, bits: int) -> Weights:
@@ -115,12 +115,8 @@ class Proposed:
 
 def _whole(values: Floats, bits: int) -> tuple[Floats, int]:
     """Whole numbers that are nearly proportional to nonnegative ones, and the power of two between them."""
-    exponent = _exponent(values) - bits
+    exponent = math.frexp(values.max(initial=0.0))[1] - bits
     return np.rint(np.ldexp(values, -exponent)), exponent
-
-
-def _exponent(values: Floats) -> int:
-    return math.frexp(values.max(initial=0.0))[1]
 
 
 def _excluding(rule: Rule, proposed: Proposed, bits: Sequence[int]) -> Weights | None:
