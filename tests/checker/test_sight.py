@@ -72,6 +72,22 @@ def test_rows_are_at_most_zero_at_every_truth(numbers: tuple[float, ...], off: f
                 assert not met or max(values[side, k] for side in SIDES[:4]) > -1e-5
 
 
+def test_pixels_to_the_first_order_are_within_what_is_given_away() -> None:
+    """In wide boxes of pixels of a bent lens the second order counts: a tenth of what is given away is too little."""
+    cameras, rng, largest = Cameras([F(v) for v in BENT], [()] * 9, F(6, 10)), random.Random(3), F(0)
+    for _ in range(20):
+        x0 = [F(rng.uniform(-0.35, 0.35)) for _ in range(2)]
+        x = [v + F(rng.uniform(-0.02, 0.02)) for v in x0]
+        seen, middle = (pixel([F(v) for v in BENT], [*at, F(1)]) for at in (x, x0))
+        one = cameras.linear([between(min(p), max(p)) for p in zip(seen, middle, strict=True)], (x0[0], x0[1]))
+        for k in range(2):
+            moved = sum((s.middle.ends[0] * (a - b) for s, a, b in zip(one.slope[k], x, x0, strict=True)), F(0))
+            off = abs(seen[k] - middle[k] - moved)
+            assert off <= one.rest[k].ends[1] + F(1, 10**9)
+            largest = max(largest, off / one.rest[k].ends[1])
+    assert largest > F(1, 10)
+
+
 def test_a_dot_that_no_pose_shows_fails_and_unknown_rows_are_refused() -> None:
     cameras = Cameras([F(v) for v in DELTALAB_CAMERA.numbers.tolist()], [()] * 9, F(6, 10))
     places = [[0.0, 0.0], [40.0, 0.0], [0.0, 40.0]]
