@@ -72,7 +72,7 @@ def swept(name: str, pairs: int, seed: int) -> Swept:
         for k in range(pairs):
             bounds = [(float(lo[k]), float(hi[k])) for lo, hi, _ in given]
             points = [float(x[k]) for _, _, x in given]
-            if name in _CAPPED and abs(points[0]) > 1e4:
+            if name == "exp" and abs(points[0]) > 1e4:
                 continue  # arb's own exponents would overflow
             low, high = kernel(*bounds)
             value = exact(*map(arb, points))
@@ -82,9 +82,6 @@ def swept(name: str, pairs: int, seed: int) -> Swept:
             if math.isnan(low) or arb(low) > value.upper() or arb(high) < value.lower():
                 return Swept(compared, f"{name}: {bounds} at {points} gives [{low!r}, {high!r}] without {value}")
     return Swept(compared, None)
-
-
-_CAPPED = ("exp",)
 
 
 def main(pairs: int = 10_000, seed: int = 0) -> None:

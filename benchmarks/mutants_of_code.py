@@ -105,7 +105,8 @@ def misplaced(mutants: Iterable[Mutant], root: Path = HERE) -> list[str]:
             mutant.file(root)
         except MutantError as error:
             errors.append(str(error))
-        paths = [root / part.partition("::")[0] for part in _paths(mutant.tests)]
+        named = (part for part in shlex.split(mutant.tests) if part.startswith(("tests/", "docs/")))
+        paths = [root / part.partition("::")[0] for part in named]
         gone = [str(path.relative_to(root)) for path in paths if not path.exists()]
         gone = gone or _unknown_words(mutant.tests, paths)
         errors += [f"{mutant.area}: {mutant.false}: {part} is not there" for part in gone]
@@ -178,10 +179,6 @@ def table(outcomes: Sequence[Outcome]) -> str:
     noticed = sum(bool(found.noticed_by) for found in outcomes)
     lines.append(f"| all | {len(outcomes)} | {noticed} ({noticed / len(outcomes):.1%}) | |")
     return "\n".join(lines)
-
-
-def _paths(tests: str) -> list[str]:
-    return [part for part in shlex.split(tests) if part.startswith(("tests/", "docs/"))]
 
 
 def main(area: str = "", only: str = "", processes: int = 1, seconds: float = 300.0, log: Path | None = None) -> None:

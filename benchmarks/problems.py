@@ -110,6 +110,7 @@ class Cable:
 
     name: str
     data: Path
+    start = None
 
     @cached_property
     def _readings(self) -> tuple[Floats, Floats]:
@@ -119,10 +120,6 @@ class Cable:
     @property
     def measurements(self) -> int:
         return len(self._readings[0])
-
-    @property
-    def start(self) -> None:
-        return None
 
     def network(self, eps: float | None = None) -> ConstraintNetwork:
         position, angle = self._readings

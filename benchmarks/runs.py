@@ -104,10 +104,6 @@ class Run:
     figures: dict[str, float] = field(default_factory=dict)
     note: str = ""
 
-    @property
-    def key(self) -> Key:
-        return self.problem, self.task, self.method
-
 
 @dataclass(frozen=True)
 class Results:
@@ -124,7 +120,7 @@ class Results:
         """For each (problem, task, method) the last run that did not succeed, else medians of times and figures."""
         groups: dict[Key, list[Run]] = {}
         for run in self.runs:
-            groups.setdefault(run.key, []).append(run)
+            groups.setdefault((run.problem, run.task, run.method), []).append(run)
         return {key: _median(runs) for key, runs in groups.items()}
 
 

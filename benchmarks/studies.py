@@ -325,10 +325,8 @@ def clean_campaign(seed: int) -> cpcal.Campaign:
     known = list(ROBOTS.values())[(seed // 2) % len(ROBOTS) if seed % 2 else 0]
     count, small = int(rng.integers(12, 201)), 0.05 if known.robot.name.startswith("Rubin") else 1.0
     extremal = bool(seed % 3) and count > 64 and known.workspace is None
-    options: dict[str, Any] = {
-        "deviation": small * rng.uniform(0.0, 10.0),
-        "joint_error": small * (0.0, 0.1, 0.3, 1.0)[seed % 4],
-    }
+    joint_error = small * (0.0, 0.1, 0.3, 1.0)[seed % 4]
+    options: dict[str, Any] = {"deviation": small * rng.uniform(0.0, 10.0), "joint_error": joint_error}
     options |= {"workspace": known.workspace} if known.workspace else {"stroke": known.stroke}
     number = count - 64 * extremal
     return simulate(known.robot, seed=seed, random_poses=number, extremal=extremal, **options)

@@ -161,8 +161,8 @@ def _covered(target: Target, u: Single, v: Single, w: Single, h: Floats, camera:
     du, dv = u - target.dots[dot, 0].astype(np.float32), v - target.dots[dot, 1].astype(np.float32)
     r = np.hypot(du, dv)
     share: Single = (r < target.radius).astype(np.float32)
-    step = 2.0 * pose_scale(h, camera)
-    edge = np.flatnonzero(np.abs(r - target.radius) < step)
+    step = 6.0 * float(np.sqrt(abs(np.linalg.det(h))) / abs(h[2, 2]) ** 1.5) / (float(camera.focal.min()) * FINE)
+    edge = np.flatnonzero(np.abs(r - target.radius) < step)  # twice as many mm as are in a fine place, roughly
     along = np.stack([du[edge] / r[edge], dv[edge] / r[edge]], axis=-1)
     u, v, w, inside = u[edge], v[edge], w[edge], target.radius - r[edge]
     per_x = np.stack([(h[0, 0] - u * h[2, 0]) / w, (h[1, 0] - v * h[2, 0]) / w], axis=-1) / (camera.focal[0] * FINE)
@@ -178,11 +178,6 @@ def _nearest(target: Target, half: float) -> npt.NDArray[np.int64]:
     ticks = np.arange(-half, half + 1.0)
     cells = np.stack(np.meshgrid(ticks, ticks), axis=-1)
     return np.asarray(cKDTree(target.dots).query(cells)[1], dtype=np.int64)
-
-
-def pose_scale(h: Floats, camera: Camera) -> float:
-    """At most so many mm are in a fine place, roughly."""
-    return 3.0 * float(np.sqrt(abs(np.linalg.det(h))) / abs(h[2, 2]) ** 1.5) / (float(camera.focal.min()) * FINE)
 
 
 def _light(camera: Camera, world: World, rng: np.random.Generator) -> Single | float:

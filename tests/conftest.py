@@ -67,8 +67,8 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture(scope="session")
 def genuine_run(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Path], None]:
-    """Copies a run of a kind (`benchmarks.genuine_runs`) into a folder; each is made once, for all workers."""
-    from benchmarks.genuine_runs import RUNS  # which loads everything
+    """Copies a run of a kind (`benchmarks.damaged_runs`) into a folder; each is made once, for all workers."""
+    from benchmarks.damaged_runs import RUNS  # which loads everything
 
     base = tmp_path_factory.getbasetemp()
     shared = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "genuine"

@@ -7,8 +7,7 @@ from functools import partial
 import pytest
 
 from benchmarks import damaged_runs
-from benchmarks.damaged_runs import BAD, MUTATIONS, SUBJECTS, Subject, mutated, outcomes
-from benchmarks.genuine_runs import RUNS
+from benchmarks.damaged_runs import BAD, MUTATIONS, RUNS, SUBJECTS, Subject, mutated, outcomes
 from tests.remembered import verify_once
 
 SLOW = ("hand-eye", "uncertain hand-eye", "wrong images")  # more than a second each

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks import runs
-from benchmarks.commands import SUITES, app, contradictions
+from benchmarks.__main__ import SUITES, app, contradictions
 from benchmarks.problems import problem
 from benchmarks.runs import (
     ANSWERED,

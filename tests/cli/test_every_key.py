@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.genuine_runs import RUNS
+from benchmarks.damaged_runs import RUNS
 from cpcal.checker import Refused, check
 from cpcal.cli.verify import statements
 from cpcal.common.errors import InputError
