@@ -184,13 +184,9 @@ def _row(run: Run, base: float) -> tuple[str, ...]:
     return (
         f"`{run.method}`",
         run.status + (f": {run.note}" if run.note else ""),
-        _seconds(run.cpu),
-        _seconds(run.cpu / base) if run.status == ANSWERED else "",
-        _seconds(run.seconds),
-        _count(run.figures.get("nodes")),
-        _count(run.figures.get("programs")),
-        "; ".join(said),
-    )
+        _seconds(run.cpu), _seconds(run.cpu / base) if run.status == ANSWERED else "", _seconds(run.seconds),
+        _count(run.figures.get("nodes")), _count(run.figures.get("programs")), "; ".join(said),
+    )  # fmt: skip
 
 
 def _seconds(value: float) -> str:

@@ -197,22 +197,17 @@ def _light(camera: Camera, world: World, rng: np.random.Generator) -> Single | f
 
 DIM = 0.55
 CONDITIONS = {
-    "plain": World(),
-    "uneven light": World(gradient=(0.4, 0.3)),
-    "motion, 3 px": World(motion=3.0),
-    "motion, 6 px": World(motion=6.0),
-    "noise 8": World(noise=8.0),
+    "plain": World(), "uneven light": World(gradient=(0.4, 0.3)),
+    "motion, 3 px": World(motion=3.0), "motion, 6 px": World(motion=6.0), "noise 8": World(noise=8.0),
     "clutter: 150 discs": World("discs", 150, DIM),
     "clutter: texture": World("texture", 4000, 0.9),
     "clutter: texture and discs": World("texture", 3000, DIM, gradient=(0.3, 0.0)),
     "clutter: a dimmer grid beside": World(second="foreign", dim=0.5),
     "shadow, 40 px soft": World(shadow=0.5),
     "shadow, 15 px soft": World(shadow=0.6, softness=15.0),
-    "covered, a quarter": World(occluded=0.25),
-    "bent by 0.2 mm": World(bent=0.2),
-    "two targets": World(second="same"),
-    "a mirrored copy": World(second="mirrored", dim=0.9),
-}
+    "covered, a quarter": World(occluded=0.25), "bent by 0.2 mm": World(bent=0.2),
+    "two targets": World(second="same"), "a mirrored copy": World(second="mirrored", dim=0.9),
+}  # fmt: skip
 _WRONG = 3.0  # pixels between a dot and where the truth sees the one that it is taken for
 
 

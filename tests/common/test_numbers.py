@@ -33,18 +33,10 @@ digits = st.integers(1, 20)
 PACKAGE = Path(cpcal.__file__).parent
 # Rooms of estimates, in which no bound is printed.
 ESTIMATES = (
-    "calibration",
-    "vision",
-    "simulate",
-    "robot",
-    "files",
-    "common/documents.py",  # what a user stated
-    "questions/log.py",
-    "questions/study_calibration.py",
-    "cli/study.py",
-    "cli/image.py",
+    "calibration", "vision", "simulate", "robot", "files", "common/documents.py",  # what a user stated
+    "questions/log.py", "questions/study_calibration.py", "cli/study.py", "cli/image.py",
     "report/figures.py",  # coordinates of drawings, and ticks, which are round numbers
-)
+)  # fmt: skip
 
 
 def read(text):

@@ -164,19 +164,15 @@ def scribble(box: Box, result: Contraction) -> Contraction:
 BROKEN = {
     "halve": (spoilt(halve), "keeps_solutions"),
     "shave": (spoilt(shave_one_float), "keeps_solutions"),
-    "widen": (spoilt(widen), "leaves_a_part"),
-    "rename": (spoilt(rename), "leaves_a_part"),
-    "fill": (spoilt(fill), "leaves_a_part"),
-    "waver": (spoilt(waver), "is_repeatable"),
+    "widen": (spoilt(widen), "leaves_a_part"), "rename": (spoilt(rename), "leaves_a_part"),
+    "fill": (spoilt(fill), "leaves_a_part"), "waver": (spoilt(waver), "is_repeatable"),
     "waver in steps": (spoilt(waver_in_steps), "is_repeatable"),
     "lambda": (spoilt(lambda box, result: result), "is_repeatable"),
-    "scribble": (spoilt(scribble), "is_repeatable"),
-    "invent": (spoilt(invent_variable), "leaves_a_part"),
-    "boast": (spoilt(boast), "leaves_a_part"),
-    "claim": (spoilt(claim_empty), "leaves_a_part"),
+    "scribble": (spoilt(scribble), "is_repeatable"), "invent": (spoilt(invent_variable), "leaves_a_part"),
+    "boast": (spoilt(boast), "leaves_a_part"), "claim": (spoilt(claim_empty), "leaves_a_part"),
     "no weights": (spoilt(lambda box, result: result, gives_weights=True), "leaves_a_part"),
     "no word": (spoilt(lambda box, result: result, gives_weights="yes"), "leaves_a_part"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", BROKEN)

@@ -52,17 +52,12 @@ def campaigns(draw):
     quaternion = array(count, 4, of=st.floats(-1, 1)) + np.array([2.0, 0.0, 0.0, 0.0])
     quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
     return Campaign.of(
-        robot,
-        array(count, 3),
-        quaternion,
-        array(count, legs),
+        robot, array(count, 3), quaternion, array(count, legs),
         pose=draw(st.lists(names, min_size=count, max_size=count, unique=True)),
         run=draw(st.lists(names, min_size=count, max_size=count)),
-        uncertainty=uncertainty,
-        exact=uncertainty is None,
-        provenance=draw(st.dictionaries(text, text, max_size=3)),
-        **radii,
-    )
+        uncertainty=uncertainty, exact=uncertainty is None,
+        provenance=draw(st.dictionaries(text, text, max_size=3)), **radii,
+    )  # fmt: skip
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])

@@ -25,26 +25,14 @@ lengths = st.floats(0.0, 1e6)
 
 def judged(lo, hi, largest=math.inf, *, tolerance=None, eps=None, verdict=Verdict.PROVED, determination=RICH, **others):
     point = (0.0,) * 7 if math.isfinite(hi) else None
+    enclosure = cpcal.Box(NAMES, *others.get("enclosure", ([0.0] * 7, [0.0] * 7)))
     leg = leg_with(
-        None,
-        leg=1,
-        verdict=verdict,
-        eps_lo=lo,
-        eps_hi=hi,
-        point=point,
-        center=(0.0,) * 7,
-        enclosure=cpcal.Box(NAMES, *others.get("enclosure", ([0.0] * 7, [0.0] * 7))),
-        floor=0.0,
-        support=(),
-        nodes=1,
-        programs=1,
-        seconds=0.1,
-        determination=determination,
-        pending=others.get("pending", 0),
-        ranges=others.get("ranges"),
+        None, leg=1, verdict=verdict, eps_lo=lo, eps_hi=hi, point=point, center=(0.0,) * 7, enclosure=enclosure,
+        floor=0.0, support=(), nodes=1, programs=1, seconds=0.1, determination=determination,
+        pending=others.get("pending", 0), ranges=others.get("ranges"),
         recommended=Recommended((0.0,) * 7, "least squares", largest),
         passes_from=None if math.isinf(largest) else PassesFrom(largest, (0.0,) * 7),
-    )
+    )  # fmt: skip
     asked = {name: others[name] for name in ("delta", "method", "time_limit") if name in others}
     options = Options(eps=eps, tolerance=tolerance, **asked)
     result = cpcal.Result(campaign=CampaignNote("0" * 64, "R", 64), options=options, version="0", legs=(leg,))

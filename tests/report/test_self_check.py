@@ -280,13 +280,9 @@ def test_the_page_runs_its_own_script_only_and_is_the_same_each_time(runs, campa
     digest = base64.b64encode(hashlib.sha256(page.scripts[None].encode()).digest()).decode()
     rules = dict(rule.split(" ", 1) for rule in page.policy.split("; "))
     assert rules == {
-        "default-src": "'none'",
-        "style-src": "'unsafe-inline'",
-        "script-src": f"'sha256-{digest}'",
-        "worker-src": "blob:",
-        "base-uri": "'none'",
-        "form-action": "'none'",
-    }
+        "default-src": "'none'", "style-src": "'unsafe-inline'", "script-src": f"'sha256-{digest}'",
+        "worker-src": "blob:", "base-uri": "'none'", "form-action": "'none'",
+    }  # fmt: skip
     assert "<noscript>" in text
 
 

@@ -80,17 +80,9 @@ def test_hostile_names_do_nothing(study):
         **sha,
     )
     note = CampaignNote(campaign_sha256(campaign), HOSTILE, len(campaign))
-    page = parsed(
-        render_study(
-            study._replace(
-                campaign=campaign,
-                record=record,
-                result=dataclasses.replace(study.result, campaign=note),
-                timeout=dataclasses.replace(study.timeout, campaign=note),
-                checked=HOSTILE,
-            )
-        )
-    )
+    result, timeout = (dataclasses.replace(one, campaign=note) for one in (study.result, study.timeout))
+    hostile = study._replace(campaign=campaign, record=record, result=result, timeout=timeout, checked=HOSTILE)
+    page = parsed(render_study(hostile))
     assert "<script" not in page
     assert "<img" not in page
     assert "&lt;script&gt;" in page

@@ -33,21 +33,14 @@ LARGE = 1200  # bits, so that sums of very large and very small numbers are exac
 
 # What arb makes of one or two arguments. All of the table but "power", which has its exponent beside it.
 _ARB: dict[str, Callable[..., Any]] = {
-    "neg": lambda x: -x,
-    "add": lambda x, y: x + y,
-    "sub": lambda x, y: x - y,
-    "mul": lambda x, y: x * y,
-    "div": lambda x, y: x / y,
-    "sqr": lambda x: x * x,
-    "abs": abs,
-    "min": lambda x, y: x.min(y),
-    "max": lambda x, y: x.max(y),
-    "atan2": lambda y, x: arb.atan2(y, x),
+    "neg": lambda x: -x, "sqr": lambda x: x * x, "abs": abs,
+    "add": lambda x, y: x + y, "sub": lambda x, y: x - y, "mul": lambda x, y: x * y, "div": lambda x, y: x / y,
+    "min": lambda x, y: x.min(y), "max": lambda x, y: x.max(y), "atan2": lambda y, x: arb.atan2(y, x),
     **{
         op: (lambda name: lambda x: getattr(x, name)())(op)
         for op in ("sqrt", "exp", "log", "sin", "cos", "tan", "asin", "atan")
     },
-}
+}  # fmt: skip
 
 
 def value(expr: Expr, at: dict[str, Any], bits: int = LARGE) -> Any:

@@ -137,21 +137,9 @@ def test_lines_that_no_journal_holds_are_dropped(tmp_path, one_image):
     known = detect(one_image, DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=journal)
     head, line = journal.read_text().splitlines()
     row = json.loads(line)
-    bad = [
-        "[" * DEEP,
-        "7",
-        "null",
-        '{"file": "a.png"}',
-        *(
-            json.dumps({**row, **wrong})
-            for wrong in (
-                {"reason": "", "values": [1.0]}, {"reason": "", "values": [float("nan")] * len(NUMBERS)},
-                {"reason": "", "values": [10**400] * len(NUMBERS)}, {"reason": 5}, {"stamp": None},
-                {"file": ["a.png"]},
-            )
-        ),
-    ]  # fmt: skip
-    for text in bad:
+    wrong = [{"reason": "", "values": [1.0]}, {"reason": 5}, {"stamp": None}, {"file": ["a.png"]}]
+    wrong += [{"reason": "", "values": [value] * len(NUMBERS)} for value in (float("nan"), 10**400)]
+    for text in ("[" * DEEP, "7", "null", '{"file": "a.png"}', *(json.dumps({**row, **one}) for one in wrong)):
         journal.write_text(f"{head}\n{text}\n")
         again = detect(one_image, DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=journal)
         assert again.measured == 1, text

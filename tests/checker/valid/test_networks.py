@@ -133,17 +133,10 @@ def direct(v: np.ndarray[Any, Any]) -> list[float]:
     x, y = v[:3], v[3]
     size, one, less = (math.sqrt(sum((x + s) ** 2)) for s in (0.0, -1.0, 1.0))
     return [
-        3.0 - size,
-        7.0 - 2 * one - y,
-        0.25 - y + 0.5 * less,
+        3.0 - size, 7.0 - 2 * one - y, 0.25 - y + 0.5 * less,
         min(size - x[0] * y + 2.0, x[1] + 3.0 - size + x[0] * y),
-        sum(x**3) + y**2,
-        1.0 - x[0] * x[1] * x[2] / 4.0,
-        *(9.0 - x**4),
-        np.inf,
-        3.0 + x[0] - x[1],
-        *(1.75 - x),
-    ]
+        sum(x**3) + y**2, 1.0 - x[0] * x[1] * x[2] / 4.0, *(9.0 - x**4), np.inf, 3.0 + x[0] - x[1], *(1.75 - x),
+    ]  # fmt: skip
 
 
 def test_the_statement_means_what_the_network_means() -> None:
