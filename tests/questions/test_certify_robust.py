@@ -28,8 +28,8 @@ def campaign(measurements, wrong, seed=1, error=3.0):
 
 @pytest.mark.parametrize("wrong", [(4,), (2, 9)])
 def test_wrong_measurements_are_found_and_proved_with_certificates(wrong, tmp_path):
-    asked = campaign(18, wrong)
-    found = cpcal.certify(asked, outliers=len(wrong), legs=(1,), delta=10.0, center="nominal", certificates=tmp_path)
+    asked, how = campaign(18, wrong), {"outliers": len(wrong), "legs": (1,), "certificates": tmp_path}
+    found = cpcal.certify(asked, delta=10.0, center="nominal", time_limit=60.0, **how)  # a search without end fails
     (leg,) = found.legs
     assert leg.bracket.left_out == tuple(asked.measurement_ids[k] for k in wrong)
     assert leg.bracket.verdict is cpcal.Verdict.PROVED
