@@ -178,8 +178,7 @@ def _lines(rng: random.Random, data: bytes) -> bytes:
 
 
 def _replaced(rng: random.Random, data: bytes, what: re.Pattern[bytes], by: Callable[[bytes], bytes]) -> bytes:
-    places = [m.span() for m in what.finditer(data)]
-    if not places:
+    if not (places := [m.span() for m in what.finditer(data)]):
         return _flip(rng, data)
     start, end = rng.choice(places)
     return data[:start] + by(data[start:end]) + data[end:]

@@ -9,20 +9,36 @@ With q = a.a - l*l and one column for each product a_i b_j and b_i b_j, every me
 The coefficients are rounded to doubles, so that no answer is certified for the exact data.
 """
 
+import gc
+import json
+import os
+import sys
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TextIO
 
 import numpy as np
 
 import cpcal
-from benchmarks.problems import Leg, PosedProblem
-from benchmarks.runs import MethodAnswer, Task, Unsupported
+from benchmarks.problems import Leg, PosedProblem, problem
+from benchmarks.runs import (
+    ANSWERED,
+    FAILED,
+    NEARLY,
+    SKIPPED,
+    TIMEOUT,
+    UNDECIDED,
+    Job,
+    MethodAnswer,
+    Run,
+    Task,
+    Unsupported,
+)  # fmt: skip
 from cpcal.checker import check
 from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
@@ -326,3 +342,34 @@ def method(name: str) -> Method:
         return Cpcal(tuple(name.split(",")))
     made: Method = getattr(import_module(module), member)()
     return made
+
+
+def work(job: Job, tell: TextIO) -> Run:
+    """What a worker does, which `runs` starts for each task: the run in this process; its failure is a result."""
+    name = (job.problem, job.task, job.method)
+    try:
+        asked = method(job.method)
+        if (lacking := asked.missing()) is not None:
+            return Run(*name, SKIPPED, note=lacking)
+        posed = problem(job.problem, None if job.data is None else Path(job.data))
+        task = asked.prepare(TaskQuestion(posed, Task.named(job.task), job.eps, job.limit))
+        print(json.dumps("ready"), file=tell, flush=True)
+        gc.collect()
+        began, cpu = time.perf_counter(), time.process_time()
+        answer = task()
+        seconds, cpu = time.perf_counter() - began, time.process_time() - cpu
+    except (Unsupported, FileNotFoundError) as reason:
+        return Run(*name, SKIPPED, note=str(reason))
+    except Exception as error:
+        return Run(*name, FAILED, note=f"{type(error).__name__}: {error}"[:300])
+    late = seconds > job.limit or (not answer.answered and seconds > NEARLY * job.limit)
+    status = TIMEOUT if late else ANSWERED if answer.answered else UNDECIDED
+    return Run(*name, status, seconds, cpu, answer.figures, answer.note)
+
+
+if __name__ == "__main__":
+    from benchmarks import methods  # whose classes those of other modules know
+
+    told = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    print(json.dumps(asdict(methods.work(Job(**json.loads(sys.stdin.read())), told))), file=told, flush=True)

@@ -91,8 +91,7 @@ def read(path: Path = LIST) -> list[Mutant]:
     tables = tomllib.loads(path.read_text(encoding="utf-8"))
     mutants = [Mutant(area=area, **entry) for area, entries in tables.items() for entry in entries]
     names = [mutant.false for mutant in mutants]
-    twice = {name for name in names if names.count(name) > 1}
-    if twice:
+    if twice := {name for name in names if names.count(name) > 1}:
         raise MutantError(f"two mutants say the same: {', '.join(sorted(twice))}")
     return mutants
 

@@ -63,8 +63,7 @@ class Leg:
 
     @classmethod
     def named(cls, name: str) -> Leg | None:
-        match = _LEG.fullmatch(name)
-        if match is None:
+        if (match := _LEG.fullmatch(name)) is None:
             return None
         leg, error, count, delta, uncertain = match.groups()
         if int(count) % POSES:
@@ -134,8 +133,7 @@ class Cable:
 
 def problem(name: str, data: Path | None = None) -> PosedProblem:
     """The problem of that name. Raises ValueError, PluginError; for a cable without `data`, FileNotFoundError."""
-    leg = Leg.named(name)
-    if leg is not None:
+    if (leg := Leg.named(name)) is not None:
         return leg
     family, _, arguments = name.partition(":")
     if family in plugins.found(GROUP):

@@ -1,13 +1,12 @@
 """Runs of methods on tasks, each in a process of its own that is killed when it overruns, and the file of results.
 
-A worker (`python -m benchmarks.runs`) reads a job on stdin and writes "ready", then its run, as lines of JSON on
+A worker (`python -m benchmarks.methods`) reads a job on stdin and writes "ready", then its run, as lines of JSON on
 stdout; what a peer prints goes to stderr. Only the task itself is timed. What does not succeed is a result, too.
 """
 
 from __future__ import annotations
 
 import contextlib
-import gc
 import json
 import math
 import os
@@ -20,14 +19,13 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field, replace
 from datetime import date
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import IO, Any, TextIO
+from typing import IO, Any
 
 FORMAT = "cpcal-benchmark/1"
 ANSWERED, UNDECIDED, TIMEOUT, FAILED, SKIPPED = "answered", "undecided", "timeout", "failed", "skipped"
@@ -41,7 +39,7 @@ REFERENCE, MINIMISE = "lifted", "minimise-1e-06"  # brackets eps* where a task n
 PACKAGES = ("cpcal", "numpy", "scipy", "numba", "python-flint", "pyscipopt", "gurobipy")
 ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "VECLIB_MAXIMUM")}
 _SETUP, _REFERENCE_LIMIT = 300.0, 300.0  # seconds at most, for imports and the problem; for a bracket of eps*
-_NEARLY = 0.95  # who gives up this close to the limit gave up because of it
+NEARLY = 0.95  # who gives up this close to the limit gave up because of it
 _OVERRAN, _UNREADY = "overran its limit", "its set-up took too long"
 
 Key = tuple[str, str, str]  # problem, task, method
@@ -125,8 +123,7 @@ class Results:
 
 
 def _median(runs: list[Run]) -> Run:
-    bad = [run for run in runs if run.status != ANSWERED]
-    if bad:
+    if bad := [run for run in runs if run.status != ANSWERED]:
         return bad[-1]
     first = runs[0]
     shared = [name for name in first.figures if all(name in run.figures for run in runs)]
@@ -213,12 +210,10 @@ def execute(
         task = Task.named(job.task)
         if task.kind != "refute":
             return perform(job)
-        known = reference(job.problem)
-        if known is None:
+        if (known := reference(job.problem)) is None:
             return Run(job.problem, job.task, job.method, SKIPPED, note=f"{REFERENCE} could not bracket eps* in time")
         eps = task.value * known[0 if task.value < 1.0 else 1]
-        run = perform(replace(job, eps=eps))
-        return replace(run, figures={**run.figures, "eps": eps})
+        return replace(run := perform(replace(job, eps=eps)), figures={**run.figures, "eps": eps})
 
     results = Results(name, date.today().isoformat(), limit, repeat, machine(), ())
     for problem, task, methods in entries:
@@ -264,7 +259,7 @@ def perform(job: Job, setup: float = _SETUP) -> Run:
 def _started(job: Job, errors: IO[str]) -> subprocess.Popen[str]:
     path = os.pathsep.join([str(Path(__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])])
     process = subprocess.Popen(
-        [sys.executable, "-m", "benchmarks.runs"], env={**os.environ, **ONE_THREAD, "PYTHONPATH": path}, text=True,
+        [sys.executable, "-m", "benchmarks.methods"], env={**os.environ, **ONE_THREAD, "PYTHONPATH": path}, text=True,
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, start_new_session=True,
     )  # fmt: skip
     assert process.stdin is not None
@@ -296,38 +291,3 @@ def _followed(job: Job, said: queue.Queue[Any], setup: float) -> Run | str:
         if line != "ready":
             return Run(**line)
         patience, late = job.limit + max(2.0, 0.1 * job.limit), _OVERRAN
-
-
-def work(job: Job, tell: TextIO) -> Run:
-    """The run in this process; its failure is a result."""
-    from benchmarks.methods import TaskQuestion, method
-    from benchmarks.problems import problem
-
-    name = (job.problem, job.task, job.method)
-    try:
-        asked = method(job.method)
-        lacking = asked.missing()
-        if lacking is not None:
-            return Run(*name, SKIPPED, note=lacking)
-        posed = problem(job.problem, None if job.data is None else Path(job.data))
-        task = asked.prepare(TaskQuestion(posed, Task.named(job.task), job.eps, job.limit))
-        print(json.dumps("ready"), file=tell, flush=True)
-        gc.collect()
-        began, cpu = time.perf_counter(), time.process_time()
-        answer = task()
-        seconds, cpu = time.perf_counter() - began, time.process_time() - cpu
-    except (Unsupported, FileNotFoundError) as reason:
-        return Run(*name, SKIPPED, note=str(reason))
-    except Exception as error:
-        return Run(*name, FAILED, note=f"{type(error).__name__}: {error}"[:300])
-    late = seconds > job.limit or (not answer.answered and seconds > _NEARLY * job.limit)
-    status = TIMEOUT if late else ANSWERED if answer.answered else UNDECIDED
-    return Run(*name, status, seconds, cpu, answer.figures, answer.note)
-
-
-if __name__ == "__main__":
-    from benchmarks import runs  # whose classes the methods know
-
-    told = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)
-    print(json.dumps(asdict(runs.work(runs.Job(**json.loads(sys.stdin.read())), told))), file=told, flush=True)

@@ -12,8 +12,6 @@ centres' RMS error, pixels; NEES/6, the mean of e' C^-1 e / 6 over the poses' er
 honest; the largest error of position; how many poses were marked as doubtful; the most frequent refusals.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass, replace
 from functools import lru_cache

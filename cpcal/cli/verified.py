@@ -13,7 +13,7 @@ import numpy as np
 
 from cpcal.checker import LegChecked, Refused, RobustChecked
 from cpcal.checker.platform import check_accuracy
-from cpcal.cli.verify import NothingCertifiedError, Statement, told
+from cpcal.cli.claims import NothingCertifiedError, Statement, told
 from cpcal.common.documents import JSON_MAX, json_object, unguarded
 from cpcal.common.errors import InputError, PluginError, Problem
 from cpcal.common.files import small_file

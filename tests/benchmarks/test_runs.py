@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 from benchmarks import runs
 from benchmarks.__main__ import SUITES, app, contradictions
+from benchmarks.methods import work
 from benchmarks.problems import problem
 from benchmarks.runs import (
     ANSWERED,
@@ -25,7 +26,6 @@ from benchmarks.runs import (
     load,
     perform,
     save,
-    work,
 )
 
 EASY = "leg1-e1-n64-d1"

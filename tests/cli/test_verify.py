@@ -15,7 +15,7 @@ import cpcal
 from cpcal.checker import Refused, certificates_of
 from cpcal.checker.certificate import Accepted, Claims, Point
 from cpcal.checker.files import A_FILE
-from cpcal.cli.verify import sentences
+from cpcal.cli.claims import sentences
 from cpcal.files.folders import save_campaign_json
 from cpcal.models import PARAMETERS
 from cpcal.simulate import simulate
