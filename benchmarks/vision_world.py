@@ -12,6 +12,8 @@ centres' RMS error, pixels; NEES/6, the mean of e' C^-1 e / 6 over the poses' er
 honest; the largest error of position; how many poses were marked as doubtful; the most frequent refusals.
 """
 
+from __future__ import annotations
+
 from collections import Counter
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -27,7 +29,7 @@ from cpcal.common.values import Floats
 from cpcal.robot import Pose
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.measure import NotMeasured, measure_pose
-from cpcal.vision.opencv import opencv
+from cpcal.vision.opencv import Grey8, opencv
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
 Single = npt.NDArray[np.float32]
@@ -82,9 +84,7 @@ class World:
     bent: float = 0.0
 
 
-def photograph(
-    target: Target, camera: Camera, pose: Pose, world: World, rng: np.random.Generator
-) -> npt.NDArray[np.uint8]:
+def photograph(target: Target, camera: Camera, pose: Pose, world: World, rng: np.random.Generator) -> Grey8:
     """The image (height, width) of the target at `pose` in a world."""
     size = camera.height * FINE, camera.width * FINE
     grey, half = background(size, world, rng), float(np.abs(target.dots).max()) + _MARGIN
