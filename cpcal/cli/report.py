@@ -83,21 +83,22 @@ def report(
     One self-contained file: it loads nothing, prints, and checks a leg's certificates in the browser. Of a folder that
     `cpcal demo` wrote it is the page of the whole study; its certificates are checked anew.
     """
-    from cpcal.questions.accuracy import load_accuracy
-    from cpcal.report.accuracy_page import ACCURACY_PAGE, write_accuracy
-    from cpcal.report.hand_eye_page import HAND_EYE_PAGE, write_hand_eye
-
-    frames, bounds = ((run / kind.head).is_file() for kind in (HANDEYE, ACCURACY))
-    file = run / (HAND_EYE_PAGE if frames else ACCURACY_PAGE if bounds else REPORT_NAME) if page is None else page
+    kind = next((kind for kind in (HANDEYE, ACCURACY) if (run / kind.head).is_file()), None)
+    file = page or (run / REPORT_NAME if kind is None else (run / kind.head).with_suffix(".html"))
     if file.is_dir():
         raise unusable(str(file), "is a folder", "name a file, such as report.html")
     if (run / RECORD_NAME).is_file():  # the folder of a study
         write_file(file, render_study(study_found(run), run / RUN))
     else:
         _accepted(run)
-        if frames:
+        if kind is HANDEYE:  # each kind of run loads its own page alone
+            from cpcal.report.hand_eye_page import write_hand_eye
+
             write_hand_eye(load_hand_eye_result(run), file.parent, file.name)
-        elif bounds:
+        elif kind is ACCURACY:
+            from cpcal.questions.accuracy import load_accuracy
+            from cpcal.report.accuracy_page import write_accuracy
+
             write_accuracy(load_accuracy(run), file.parent, file.name)
         else:
             write_file(file, render(load_campaign_json(run), load_result(run), run=run))
