@@ -20,6 +20,7 @@ from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, Setup, read_poses
 from cpcal.robot import Pose, inverse, quaternion_from_matrix, quaternion_from_rotation_vector, rotation_matrix
 from cpcal.robot.kinematics import LEAST_SPREAD, axis_text, cross_matrix, nearest_rotation, world_hand_eye
 from cpcal.solver.linear import Dense, LinearStatus
+from cpcal.vision.opencv import MissingExtraError, opencv
 
 # ------------------------------------------------------------------------------------------------------------------
 # Residuals in pixels of frames and of readings of the robot's poses, and their derivatives.
@@ -318,6 +319,40 @@ def image_poses(study: HandEyeStudy) -> tuple[list[int], Pose, float]:
     turns = np.array([one.e_rotation for one in frames]).reshape(-1, 3, 3)
     seen = Pose(np.array([one.e_translation for one in frames]).reshape(-1, 3), quaternion_from_matrix(turns))
     return kept, seen, float(np.sqrt(sum(fit.cost for fit in fits) / max(free, 1)))
+
+
+_OF_HAND, _OF_BOTH = ("Tsai", "Park", "Horaud", "Andreff", "Daniilidis"), ("Shah", "Li")
+
+
+def opencv_answers(study: HandEyeStudy) -> dict[str, Pose]:
+    """The camera in the hand (eye in hand) or base frame by each of OpenCV's methods, from the poses of single images.
+
+    None without OpenCV, with its version 5.0, which has no such methods, and where one finds no rotation.
+    """
+    try:
+        cv2 = opencv()
+    except MissingExtraError:
+        return {}
+    if not hasattr(cv2, "calibrateHandEye"):
+        return {}
+    kept, seen, _ = image_poses(study)
+    hand, found = study.poses.rows(np.array(kept)), dict[str, Pose]()
+    hand = hand if study.setup == "eye-in-hand" else inverse(hand)  # to OpenCV the camera is always on the hand
+    base, board = inverse(hand), (seen.rotation, seen.position)
+    for name in (*_OF_HAND, *_OF_BOTH):
+        try:
+            if name in _OF_HAND:
+                method = getattr(cv2, f"CALIB_HAND_EYE_{name.upper()}")
+                turn, place = cv2.calibrateHandEye(hand.rotation, hand.position, *board, method=method)
+            else:
+                method = getattr(cv2, f"CALIB_ROBOT_WORLD_HAND_EYE_{name.upper()}")
+                turn, place = cv2.calibrateRobotWorldHandEye(*board, base.rotation, base.position, method=method)[2:]
+        except cv2.error:
+            continue
+        if np.isfinite(turn).all() and np.isfinite(place).all():
+            pose = Pose(place.ravel(), quaternion_from_matrix(turn))
+            found[name] = pose if name in _OF_HAND else inverse(pose)
+    return found
 
 
 def _pose(study: HandEyeStudy) -> Fit[ReadFrames]:

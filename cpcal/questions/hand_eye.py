@@ -14,7 +14,7 @@ import numpy as np
 
 from cpcal.checker import Refused, Unusable
 from cpcal.checker.bounds import Bounds, between, matrix
-from cpcal.checker.frames import R_F, R_X, SIZE, T_F, T_X, holds
+from cpcal.checker.frames import R_F, R_X, SIZE, T_F, T_X, holds, rotation
 from cpcal.checker.hand_eye import (
     BEYOND,
     HAND_EYE_FORMAT,
@@ -42,6 +42,7 @@ from cpcal.models.hand_eye_fit import (
     excess,
     image_poses,
     minimax_fit,
+    opencv_answers,
 )
 from cpcal.questions.result import Result
 from cpcal.solver.interval.numbers import round_down, round_up
@@ -148,6 +149,21 @@ class FrameRanges:
     def empty(self) -> bool:
         return not self.lo
 
+    def hold(self, camera: OtherAnswer) -> bool:
+        """Whether the ranges hold a camera, exactly. Where not, no frames with it explain every pixel to `eps`."""
+        rows, norm = rotation(tuple(map(F, camera.quaternion)))
+        turn, place = [F(v, norm) for row in rows for v in row], [F(v) for v in camera.position]
+        return all(self.lo[i] <= v <= self.hi[i] for i, v in zip((*R_X, *T_X), (*turn, *place), strict=True))
+
+
+@dataclass(frozen=True)
+class OtherAnswer:
+    """The camera in the hand (eye in hand) or base frame, mm, by a method of OpenCV. Nothing of it is proved."""
+
+    method: str
+    position: tuple[float, float, float]
+    quaternion: tuple[float, float, float, float]
+
 
 @dataclass(frozen=True)
 class ImageVerdict:
@@ -194,6 +210,7 @@ class HandEyeResult:
     others of `left_out` may be right. `ranges` are sought where no image may be wrong.
 
     `tolerance`: px, that was asked for; `eps`: what ranges and verdicts speak of. `gap`: relative, that was asked for.
+    `others`: OpenCV's answers, where it is installed and has such methods.
     Of the least-squares answer `rms` (px per axis), `sigma` (in the order of E and F of `ClassicalAnswer.covariance`)
     and `remarks`. `provenance`: the study's. `programs`: linear ones that were solved. `timed`: the time limit ended
     a search.
@@ -218,6 +235,7 @@ class HandEyeResult:
     ranges: FrameRanges | None
     classical: Classical
     blamed: Annotated[tuple[tuple[str, tuple[RefutedGroup, ...]], ...], _BLAMED]
+    others: Informed[tuple[OtherAnswer, ...]]
     provenance: Informed[Mapping[str, str]]
     version: Informed[str]
     gap: Informed[float]
@@ -368,6 +386,10 @@ def certify_hand_eye(
         eps=eps,
         ranges=None if wide is None else _ranges(wide, point, prover.hand, at),
         classical=judged,
+        others=tuple(
+            OtherAnswer(name, tuple(camera.position.tolist()), tuple(camera.quaternion.tolist()))
+            for name, camera in opencv_answers(part).items()
+        ),
         blamed=tuple((study.images[k], _groups(study, found)) for k, found in blamed.items()),
         provenance=study.provenance,
         version=__version__,

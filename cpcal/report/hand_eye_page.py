@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from cpcal.common.files import StrPath, listed
 from cpcal.common.numbers import about, at_least, at_most, bracket_text, nearest, rounded_down, rounded_up, stated
-from cpcal.questions.hand_eye import PARAMETERS, HandEyeResult
+from cpcal.questions.hand_eye import PARAMETERS, HandEyeResult, KnownPoint
 from cpcal.report.figures import residuals_svg
 from cpcal.report.section import Drawing, Page, Section, Table, origin, verdict
 from cpcal.robot import Pose, distances, normalised, transformed
@@ -37,6 +37,7 @@ def write_hand_eye(found: HandEyeResult, folder: StrPath, name: str = HAND_EYE_P
             *_blamed(found),
             *known_frames(found),
             _classical(found),
+            *_others(found),
             *_forcing(found),
             origin({"Proofs": proofs}, f"Certified by cpcal {found.version}."),
         ],
@@ -181,14 +182,50 @@ def known_sentence(found: HandEyeResult) -> list[str]:
         if ahead
         else f"The point ({', '.join(map(stated, known.at))}) mm in the camera frame"
     )
-    poses = [Pose(np.array(p.camera_position), normalised(p.camera_quaternion)) for p in (found.point, classical)]
-    apart, turned = distances(*(Pose(transformed(pose, [known.at])[0], pose.quaternion) for pose in poses))
+    apart, turned = _apart(found, known, classical.camera_position, classical.camera_quaternion)
     unturned = "any turn" if known.turn >= 180.0 else f"{at_most(known.turn, 2)} degrees"
-    return [
+    said = [
         f"{where} is known in the {'hand' if found.setup == 'eye-in-hand' else 'base'} frame to within "
         f"{at_most(known.place, 2)} mm and {unturned} (proved); least squares puts it "
-        f"{about(float(apart), 2)} mm and {about(float(np.degrees(turned)), 2)} degrees from the best frames."
+        f"{about(apart, 2)} mm and {about(turned, 2)} degrees from the best frames."
     ]
+    if found.others:
+        away = {one.method: _apart(found, known, one.position, one.quaternion)[0] for one in found.others}
+        (best, least), *_, (worst, most) = sorted(away.items(), key=lambda one: one[1])
+        beyond = [one.method for one in found.others if not found.ranges.hold(one)]
+        said.append(
+            f"OpenCV's methods put it {about(least, 2)} mm ({best}) to {about(most, 2)} mm ({worst}) from there; "
+            f"outside of the proved ranges: {', '.join(beyond) or 'none'}."
+        )
+    return said
+
+
+def _apart(
+    found: HandEyeResult, known: KnownPoint, position: Sequence[float], quaternion: Sequence[float]
+) -> tuple[float, float]:
+    """How far a camera puts the known point from where that of the best frames does, mm, and its turn in degrees."""
+    cameras = (found.point.camera_position, found.point.camera_quaternion), (position, quaternion)
+    poses = [Pose(np.array(place), normalised(turn)) for place, turn in cameras]
+    apart, turned = distances(*(Pose(transformed(pose, [known.at])[0], pose.quaternion) for pose in poses))
+    return float(apart), float(np.degrees(turned))
+
+
+def _others(found: HandEyeResult) -> Iterator[Section]:
+    """OpenCV's answers at the known point."""
+    ranges = found.ranges
+    if ranges is None or ranges.known is None or not found.others:
+        return
+    rows = []
+    for one in found.others:
+        apart, turned = _apart(found, ranges.known, one.position, one.quaternion)
+        place = "not excluded" if ranges.hold(one) else "outside"
+        rows.append((one.method, about(apart, 2), about(turned, 2), place))
+    said = (
+        "Each from the poses that single images give. The point is that of the first sentence; its distance and turn "
+        f"are from the best frames. No frames with a camera outside of the proved ranges explain every pixel to within "
+        f"{at_least(found.eps, 4)} px (proved)."
+    )
+    yield Section("OpenCV's methods", [said], tables=[Table(("method", "mm", "degrees", "proved ranges"), rows)])
 
 
 def searched(found: HandEyeResult) -> str:

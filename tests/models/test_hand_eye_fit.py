@@ -10,7 +10,7 @@ from cpcal.common.errors import InputError
 from cpcal.models import hand_eye_fit
 from cpcal.models.frames import PlacedFrames
 from cpcal.models.hand_eye import CAMERA, load_hand_eye, save_hand_eye, simulate_hand_eye, study_of_board
-from cpcal.models.hand_eye_fit import PixelModel, ReadFrames, classical_answer, estimated_half_widths
+from cpcal.models.hand_eye_fit import PixelModel, ReadFrames, classical_answer, estimated_half_widths, opencv_answers
 from cpcal.models.hand_eye_sources import with_half_widths
 from cpcal.robot import Pose, compose, inverse, normalised, quaternion_from_rotation_vector, quaternion_product
 
@@ -24,6 +24,12 @@ def test_without_errors_the_truth_is_found(setup):
     assert np.abs(found.residuals).max() < 1e-8
     for name in ("e_rotation", "e_translation", "f_rotation", "f_translation"):
         np.testing.assert_allclose(getattr(found.frames, name), getattr(simulated.truth, name), atol=1e-6)
+    cv2 = pytest.importorskip("cv2")
+    others, truth = opencv_answers(simulated.study), PlacedFrames.of(simulated.truth)
+    assert len(others) == (7 if hasattr(cv2, "calibrateHandEye") else 0)
+    for method, camera in others.items():
+        np.testing.assert_allclose(camera.position, truth.camera_position, atol=1e-3, err_msg=method)
+        assert abs(camera.quaternion @ truth.camera_quaternion) == pytest.approx(1.0, abs=1e-9), method
 
 
 @pytest.mark.parametrize("tilt", [0.0, 1e-4, 1e-3])

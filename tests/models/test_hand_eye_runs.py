@@ -31,13 +31,14 @@ from cpcal.models.hand_eye_sources import read_pose_pairs, study_of_pairs
 from cpcal.questions import hand_eye
 from cpcal.questions.hand_eye import (
     KnownPoint,
+    OtherAnswer,
     Within,
     certify_hand_eye,
     load_hand_eye_result,
     save_hand_eye_result,
     verify_hand_eye,
 )
-from cpcal.report.hand_eye_page import write_hand_eye
+from cpcal.report.hand_eye_page import known_sentence, write_hand_eye
 from cpcal.robot import (
     Pose,
     normalised,
@@ -152,6 +153,23 @@ def test_ranges_hold_the_truth_with_pixels_and_readings_at_their_ends(exact_run,
         assert (x <= hi).all()
         assert (hi - lo).max() < 0.5  # mm: and they say something
         assert run.result.passes is True
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_camera_just_beyond_an_end_of_the_ranges_is_outside_and_the_page_says_so(uncertain, axis):
+    found = uncertain.result
+    truth, high = PlacedFrames.of(uncertain.truth), found.ranges.hi[9 + axis]
+    within = OtherAnswer("Park", truth.camera_position, truth.camera_quaternion)
+    place = [*truth.camera_position]
+    place[axis] = high * (1.0 + 1e-12 * math.copysign(1.0, high))
+    beyond, at_end = (
+        replace(within, method="Li", position=tuple(place[:axis] + [v] + place[axis + 1 :]))
+        for v in (place[axis], high)
+    )
+    assert found.ranges.hold(within)
+    assert found.ranges.hold(at_end)
+    assert not found.ranges.hold(beyond)
+    assert known_sentence(replace(found, others=(within, beyond)))[1].endswith("outside of the proved ranges: Li.")
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (1, 2, 3))])
