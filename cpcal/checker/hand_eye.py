@@ -52,7 +52,7 @@ STUDY_FORMAT = "cpcal-study/1"
 # 12 images of any rotation take 12,000,000 units
 _POINTS, _POINT_WORK, _MOST_POINTS = 10_000, 2_000, 20_000  # of a run: more for each point beyond so many
 _ERRORS_WORK = 2_000  # of a point: what its lens and its errors at two pairs of frames cost
-HAND_EYE_NAME, HAND_EYE_FORMAT = "handeye.json", "cpcal-handeye-result/6"
+HAND_EYE_NAME, HAND_EYE_FORMAT = "handeye.json", "cpcal-handeye-result/7"
 BEYOND = 1.1, 1.01  # of eps_hi: the tolerance of ranges that nobody asked for, and where that leaves a turn open
 _LENS = F(1, 10**7)  # px: how far a pixel and the image of its undistorted one may be apart
 _SETUPS = ("eye-in-hand", "eye-to-hand")
