@@ -35,7 +35,7 @@ _ROTATIONS = (*R_X, *R_F)
 _SPREAD, _UNCERTAIN = 9, 24  # images whose poses are bounded: where the robot's poses are exact, and where not
 _FEWEST = 3
 _BOXES = 64
-_COARSE = 0.5  # an entry of a rotation's matrix that is wider leaves its turn open
+COARSE = 0.5  # an entry of a rotation's matrix that is wider leaves its turn open
 _GAIN = {"image": 0.05, "links": 0.1, "frames": 0.05}  # share of the widths that a pass must take away
 
 
@@ -117,6 +117,12 @@ class Proof(NamedTuple):
     def refuted(self) -> bool:
         return self.left is None
 
+    @property
+    def open(self) -> bool:
+        """Whether frames may be turned any way."""
+        left = self.left
+        return left is not None and any(left.hi[i] - left.lo[i] >= COARSE for i in _ROTATIONS)
+
     def write(self, folder: Path | None) -> None:
         """The certificate, and all that it rests on."""
         for name, (header, found) in self.files.items():
@@ -149,13 +155,26 @@ class Prover:
             "board": list(map(number, self.board)),
         }
 
-    def chain(self, name: str, eps: float, images: Sequence[int], end: float = math.inf) -> Proof:
-        """Contract the box until nothing is left or it gets no smaller; no image and no pass begins after `end`."""
-        before, sets = Proof(eps, self.root, None), dict[int, tuple[Any, Any]]()
-        for k in spread(self.study, images, _UNCERTAIN if self.exact.uncertain else _SPREAD):
+    def over(
+        self, name: str, images: Sequence[int], eps: float, end: float = math.inf, wide: Proof | None = None,
+        coarse: float = 0.0,
+    ) -> Proof:  # fmt: skip
+        """Contract the box until nothing is left or it gets no smaller; no image and no pass begins after `end`.
+
+        Of one image its pixels alone count, whatever the robot's poses are. From where the proof `wide` of these images
+        at a larger tolerance ended only its last stage is done again, in halves that leave nothing, or whose turns are
+        bounded to within `coarse`.
+        """
+        uncertain, before, sets = self.exact.uncertain, Proof(eps, self.root, None), dict[int, tuple[Any, Any]]()
+        if len(images) == 1:
+            return self._proof(f"{name}-image-{images[0] + 1}", "image", before, eps, images, math.inf)
+        if wide is not None and wide.left is not None and eps <= wide.eps:
+            again = ("links", wide, eps, sorted(wide.sets)) if uncertain else ("frames", wide, eps, images)
+            return self._proof(name, *again, end, 1 if uncertain else _BOXES, coarse)
+        for k in spread(self.study, images, _UNCERTAIN if uncertain else _SPREAD):
             if len(sets) >= _FEWEST and time.monotonic() > end:
                 break
-            one = self.alone(name, k, eps)
+            one = self.over(name, [k], eps)
             self.tell(f"{self.study.images[k]} alone: {'no pose is left' if one.refuted else 'its pose is bounded'}")
             if one.left is None:
                 return one
@@ -165,30 +184,12 @@ class Prover:
                     sets=sets, poses=(*before.poses, one.certificate), files={**before.files, **one.files},
                     programs=before.programs + one.programs,
                 )  # fmt: skip
-        if sets or self.exact.uncertain:
-            linked = name if self.exact.uncertain else f"{name}-links"
+        if sets or uncertain:
+            linked = name if uncertain else f"{name}-links"
             before = self._proof(linked, "links", before, eps, sorted(sets) or images, end)
-        if before.refuted or self.exact.uncertain:
+        if before.refuted or uncertain:
             return before
         return self._proof(name, "frames", before, eps, images, end)
-
-    def turns(self, name: str, wide: Proof, eps: float, end: float) -> Proof:
-        """Exact poses: where a proof leaves a turn open, the last stage at a tolerance no larger, in halves until turns
-        are bounded. The same proof where none is open."""
-        left = wide.left
-        if self.exact.uncertain or left is None or all(left.hi[i] - left.lo[i] < _COARSE for i in _ROTATIONS):
-            return wide
-        return self._proof(name, "frames", wide, eps, range(len(self.study.images)), end, _BOXES, _COARSE)
-
-    def alone(self, name: str, k: int, eps: float) -> Proof:
-        """What the pixels of one image allow, whatever the robot's poses are."""
-        return self._proof(f"{name}-image-{k + 1}", "image", Proof(eps, self.root, None), eps, [k], math.inf)
-
-    def lower(self, name: str, wide: Proof, eps: float, end: float) -> Proof:
-        """The last stage at a smaller tolerance, from where another proof ended, in as many boxes as it takes."""
-        if self.exact.uncertain:
-            return self._proof(name, "links", wide, eps, sorted(wide.sets), end)
-        return self._proof(name, "frames", wide, eps, range(len(self.study.images)), end, _BOXES)
 
     def _proof(
         self, name: str, stage: str, before: Proof, eps: float, images: Sequence[int], end: float, boxes: int = 1,

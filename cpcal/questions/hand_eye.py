@@ -32,7 +32,7 @@ from cpcal.common.files import StrPath
 from cpcal.common.numbers import at_least, at_most
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
-from cpcal.models.frames import PlacedFrames, Proof, Prover, Tell, exact, exact_study
+from cpcal.models.frames import COARSE, PlacedFrames, Proof, Prover, Tell, exact
 from cpcal.models.hand_eye import HandEyeStudy, load_study_json
 from cpcal.models.hand_eye_fit import (
     ClassicalAnswer,
@@ -292,7 +292,7 @@ _GROUP_SHARES = (0.999, 0.97, 0.9, 0.7)  # of the least error of the groups: wha
 _LEAST = 4  # images of a group
 _TRIALS = 30  # of random images that the fit starts from
 
-_Refuted = list[tuple[Sequence[int], Proof]]  # groups of images that no frames explain
+_Refuted = list[tuple[RefutedGroup, Proof]]
 
 
 def certify_hand_eye(
@@ -343,27 +343,42 @@ def certify_hand_eye(
     if not holds(point.numbers, asked.center.numbers, F(asked.reach), angle):
         raise unusable("option --within", "leaves out the best frames found", "give a larger box")
     readings, own = (_stated_readings(study, kept, of.readings) for of in (best, classical))
-    at_point = errors(exact_study(study), point.numbers, tuple(map(exact, readings)))
+    groups = [list(every[k :: outliers + 1]) for k in range(outliers + 1)]
+    with_one = {k: [sorted([*kept[n :: outliers + 1], k]) for n in range(outliers + 1)] for k in left}
+    least = min(_least_error(study, group) for group in groups) if outliers else 0.0
+    worst = max(least_errors(study, best)) if study.uncertain and not outliers else None
+    least_with = {k: min(_least_error(study, group) for group in some) for k, some in with_one.items()}
+
+    # from here on exact numbers
+    prover = Prover(study, asked.center.numbers, asked.reach, asked.angle, best.frames, tell)
+    at_point, at_center = (
+        errors(prover.exact, placed.numbers, tuple(map(exact, given)))
+        for placed, given in ((point, readings), (asked.center, own))
+    )
+    behind = [study.images[k] for k in kept if at_center[k] is None]
+    if behind:
+        what = f"puts points of {behind[0]} behind the camera"
+        raise unusable("the least-squares answer", what, "check the setup, and the poses")
     eps_hi = max(up(at_point[k] or F(0)) for k in kept)  # the fit keeps all points in front
     tell(f"some frames explain every pixel of {len(kept)} images to {at_most(eps_hi, 7)} px")
     eps, nearer = (share * eps_hi if tolerance is None else tolerance for share in BEYOND)
-    judged = _judged(study, kept, asked.center, own, eps)
-
-    prover = Prover(study, asked.center.numbers, asked.reach, asked.angle, best.frames, tell)
     wide, end = None, time.monotonic() + time_limit
     if not outliers:
-        wide = prover.turns(f"{RANGES}-turns", prover.chain(RANGES, eps, every, end), nearer, end)
-        if wide.eps != eps:
-            eps, judged = wide.eps, _judged(study, kept, asked.center, own, wide.eps)
+        wide = prover.over(RANGES, every, eps, end)
+        if wide.open and not study.uncertain:
+            eps = nearer
+            wide = prover.over(f"{RANGES}-turns", every, eps, end, wide, COARSE)
     end = time.monotonic() + time_limit
-    groups = [list(every[k :: outliers + 1]) for k in range(outliers + 1)]
-    eps_lo, lower = _lower_end(prover, groups, wide, best, eps_hi, gap, end)
+    eps_lo, lower = _lower_end(prover, groups, wide, least, worst, eps_hi, gap, end)
     blamed: dict[int, _Refuted] = {}
-    for k in left:
-        with_k = [sorted([*kept[n :: outliers + 1], k]) for n in range(outliers + 1)]
-        if min(_least_error(study, group) for group in with_k) > eps:
-            reasons = _refuted(prover, f"{WRONG}-{k + 1}", with_k, eps, math.inf)
+    for k, some in with_one.items():
+        if least_with[k] > eps:
+            reasons = _refuted(prover, f"{WRONG}-{k + 1}", some, eps, math.inf)
             blamed |= {} if reasons is None else {k: reasons}
+    verdicts = tuple(
+        ImageVerdict(name, None if error is None else up(error), error is not None and error <= F(eps))
+        for name, error in zip(study.images, at_center, strict=True)
+    )
     support = dict.fromkeys(k for _, proof in lower for side, k in proof.last if side[0] in "uv")
     proofs = [] if wide is None else [wide]
     proofs += [proof for found in (lower, *blamed.values()) for _, proof in found]
@@ -380,17 +395,17 @@ def certify_hand_eye(
         eps_hi=eps_hi,
         point=point,
         readings=readings,
-        lower=_groups(study, lower),
+        lower=tuple(group for group, _ in lower),
         support=tuple((study.images[study.image[k]], study.names[k]) for k in support),
         tolerance=tolerance,
         eps=eps,
         ranges=None if wide is None else _ranges(wide, point, prover.hand, at),
-        classical=judged,
+        classical=Classical(own, max(verdicts[k].largest or 0.0 for k in kept), verdicts),
         others=tuple(
             OtherAnswer(name, tuple(camera.position.tolist()), tuple(camera.quaternion.tolist()))
             for name, camera in opencv_answers(part).items()
         ),
-        blamed=tuple((study.images[k], _groups(study, found)) for k, found in blamed.items()),
+        blamed=tuple((study.images[k], tuple(group for group, _ in found)) for k, found in blamed.items()),
         provenance=study.provenance,
         version=__version__,
         gap=gap,
@@ -415,46 +430,32 @@ def _stated_readings(study: HandEyeStudy, kept: Sequence[int], values: Floats) -
     return tuple(map(tuple, readings.tolist())) if study.uncertain else ()
 
 
-def _judged(
-    study: HandEyeStudy, kept: Sequence[int], placed: PlacedFrames, readings: tuple[Reading, ...], eps: float
-) -> Classical:
-    """Frames, exactly, image by image. Raises InputError where they put a point behind the camera."""
-    worst = errors(exact_study(study), placed.numbers, tuple(map(exact, readings)))
-    for k in kept:
-        if worst[k] is None:
-            what = f"puts points of {study.images[k]} behind the camera"
-            raise unusable("the least-squares answer", what, "check the setup, and the poses")
-    verdicts = [
-        ImageVerdict(name, None if error is None else up(error), error is not None and error <= F(eps))
-        for name, error in zip(study.images, worst, strict=True)
-    ]
-    return Classical(readings, max(verdicts[k].largest or 0.0 for k in kept), tuple(verdicts))
-
-
 def _lower_end(
     prover: Prover,
     groups: Sequence[Sequence[int]],
     wide: Proof | None,
-    best: ReadFrames,
+    least: float,
+    worst: tuple[float, int] | None,
     eps_hi: float,
     gap: float,
     end: float,
 ) -> tuple[float, _Refuted]:
-    """eps_lo and its proofs, a group each; of all images they begin with what `wide` leaves, or with the box."""
-    study, found = prover.study, (0.0, _Refuted())
-    most, tried = eps_hi * (1.0 - 0.9 * gap), []
+    """eps_lo and its proofs, a group each; of all images they begin with what `wide` leaves, or with the box.
+
+    `least`: about the least error of the groups; `worst`: of uncertain poses that of the image that fits worst by
+    itself, and its number.
+    """
+    most, tried, found = eps_hi * (1.0 - 0.9 * gap), [], (0.0, _Refuted())
     if wide is None:
-        least = min(_least_error(study, group) for group in groups)
         tried = [(share * least, groups) for share in _GROUP_SHARES]
-    elif eps_hi > _NOTHING and not study.uncertain:
+    elif eps_hi > _NOTHING and worst is None:
         tried = [(most * (1.0 - share), groups) for share in _SHARES]
-    elif eps_hi > _NOTHING:  # the image that fits worst by itself, then all together
-        least, k = max(least_errors(study, best))
-        least = min(most, least)
-        tried = [(least * (1.0 - share), [[k]]) for share in _NEAR]
+    elif eps_hi > _NOTHING and worst is not None:  # that image, then all together
+        least = min(most, worst[0])
+        tried = [(least * (1.0 - share), [[worst[1]]]) for share in _NEAR]
         tried += [(least + share * (most - least), groups) for share in _BETWEEN if most > least * 1.001]
     if wide is not None and wide.refuted:
-        found = wide.eps, [(groups[0], wide)]
+        found = wide.eps, [(RefutedGroup(prover.study.images, wide.certificate or ""), wide)]
     for eps, some in tried:
         if eps > found[0] and time.monotonic() <= end:
             proofs = _refuted(prover, LOWER, some, eps, end, wide)
@@ -468,18 +469,13 @@ def _refuted(
     """Proofs that no frames explain any of the groups to within eps; None where one is not proved."""
     found = _Refuted()
     for n, group in enumerate(groups, 1):
-        file, what = name if len(groups) == 1 else f"{name}-{n}", f"{len(group)} images"
-        what = what if len(group) > 1 else f"{prover.study.images[group[0]]} alone"
+        file, images = name if len(groups) == 1 else f"{name}-{n}", tuple(prover.study.images[k] for k in group)
+        what = f"{len(group)} images" if len(group) > 1 else f"{images[0]} alone"
         prover.tell(f"is there anything below {at_least(eps, 7)} px in {what}?")
-        if len(group) == 1:
-            proof = prover.alone(file, group[0], eps)
-        elif wide is None or wide.refuted or eps > wide.eps:
-            proof = prover.chain(file, eps, group, end)
-        else:
-            proof = prover.lower(file, wide, eps, end)
+        proof = prover.over(file, group, eps, end, wide)
         if not proof.refuted:
             return None
-        found.append((group, proof))
+        found.append((RefutedGroup(images, proof.certificate or ""), proof))
     return found
 
 
@@ -497,12 +493,6 @@ def _least_error(study: HandEyeStudy, images: Sequence[int]) -> float:
     """About the least error of some images: where a fit ends, px."""
     part = study.part(np.array(images))
     return excess(PixelModel(part), best_frames(part, classical_answer(part)))
-
-
-def _groups(study: HandEyeStudy, proofs: _Refuted) -> tuple[RefutedGroup, ...]:
-    return tuple(
-        RefutedGroup(tuple(study.images[k] for k in group), proof.certificate or "") for group, proof in proofs
-    )
 
 
 def _ranges(wide: Proof, point: PlacedFrames, hand: Sequence[F], at: Sequence[float] | None) -> FrameRanges:

@@ -185,7 +185,7 @@ def test_no_stage_excludes_a_planted_truth(seed):
         study = replace(study, pose_half_width=half, half_width=width)
     center = PlacedFrames.of(classical_answer(study).frames)
     prover = Prover(study, center.numbers, 100.0, 3.0, center.frames, lambda text: None)
-    left = prover.chain("", 0.3 * (1.0 + 1e-9), range(3)).left
+    left = prover.over("", range(3), 0.3 * (1.0 + 1e-9)).left
     x = unknowns_of(found.truth)
     assert (np.array(left.lo[:24], float) <= x).all()
     assert (x <= np.array(left.hi[:24], float)).all()
