@@ -29,6 +29,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -36,8 +37,9 @@ import numpy as np
 import typer
 from typer.testing import CliRunner
 
-from benchmarks import run_by_hand
-from benchmarks.pose_sets import drawn_pose, shown
+from benchmarks import asked, run_by_hand
+from benchmarks.pose_sets import shown
+from benchmarks.vision_scenes import facing_poses
 from cpcal.cli import app
 from cpcal.cli.verbs import Status
 from cpcal.common.codec import INFORMATION
@@ -261,7 +263,7 @@ def pose_sets(folder: Path) -> None:
     rng = np.random.default_rng(7)
     few = Target("few dots", DELTALAB_TARGET.dots[::12], 6.0)
     targets, cameras = TargetSet(few, 0.01), CameraSet(DELTALAB_CAMERA)
-    numbers, centers = shown(rng, drawn_pose(rng), cameras, targets)
+    numbers, centers = shown(rng, facing_poses(rng, 1).rows(0), cameras, targets)
     boxes = PixelBoxes.around(numbers, centers, 0.05, of_images=True)
     (folder / "run").mkdir()
     enclose_pose(boxes, targets, cameras, certificate=folder / "run" / "one", sources={"camera.toml": b"its bytes"})
@@ -275,10 +277,6 @@ def hand_eye(folder: Path, **changes: Any) -> None:
         study = replace(study, pose_half_width=np.tile(width, (6, 1)))
     save_hand_eye(study, folder / "study")
     command("handeye", "certify", folder / "study", "--within", "1.5,50", "-o", folder / "run")
-
-
-def uncertain_hand_eye(folder: Path) -> None:
-    hand_eye(folder, position_error=0.1, rotation_error=0.001)
 
 
 def wrong_images(folder: Path) -> None:
@@ -299,7 +297,8 @@ def solve(folder: Path) -> None:
 RUNS: dict[str, Callable[[Path], None]] = {
     "leg": leg, "uncertain leg": uncertain_leg, "undecided leg": undecided_leg, "robust": robust,
     "compare": compare, "fits": fits, "accuracy": accuracy, "pose sets": pose_sets, "solve": solve,
-    "hand-eye": hand_eye, "uncertain hand-eye": uncertain_hand_eye, "wrong images": wrong_images,
+    "hand-eye": hand_eye, "wrong images": wrong_images,
+    "uncertain hand-eye": partial(hand_eye, position_error=0.1, rotation_error=0.001),
 }  # fmt: skip
 
 
@@ -456,7 +455,7 @@ Names = Annotated[list[str] | None, typer.Argument(metavar="SUBJECT", help=f"of 
 
 
 def main(subjects: Names = None, count: int = 10_000, seed: int = 1, log: Path = Path("damaged_runs.jsonl")) -> None:
-    names = subjects or list(RUNS)
+    names = asked(subjects, SUBJECTS) if subjects else list(RUNS)
     with log.open("w", encoding="utf-8", buffering=1) as file:
         total: Counter[str] = Counter()
         for name in names:

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
+from hashlib import sha256
 from itertools import chain, combinations_with_replacement, islice, repeat
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -20,7 +21,7 @@ from typing import Annotated, Any, NamedTuple
 import typer
 
 import cpcal
-from benchmarks import run_by_hand
+from benchmarks import asked, run_by_hand
 
 SECONDS, MEGABYTES = 10, 500
 ZERO, ONE, FAR = "0x0p+0", "0x1p+0", "-0x1p+1000"
@@ -142,13 +143,10 @@ def a_point_of_many_constraints() -> Iterator[Line]:
 
 
 CERTIFICATES: dict[str, Callable[[], Iterable[Line]]] = {
-    **{
-        case.__name__: case
-        for case in (
-            a_root_of_4000_terms_squared, squares_of_a_thousand_unknowns, many_constraints_of_degree_8,
-            a_point_of_many_constraints,
-        )
-    },
+    "a_root_of_4000_terms_squared": a_root_of_4000_terms_squared,
+    "squares_of_a_thousand_unknowns": squares_of_a_thousand_unknowns,
+    "many_constraints_of_degree_8": many_constraints_of_degree_8,
+    "a_point_of_many_constraints": a_point_of_many_constraints,
     "monomials_of_degree_8": lambda: with_body(30, [[m, ONE] for m in monomials(30, 8, 80_000)]),
     "powers_of_long_numbers": lambda: with_body(
         6, [[m, LONG + "p+1100"] for m in monomials(6, 8, 1000)], lo=f"-{LONG}p+1100", hi=LONG + "p+1100"),
@@ -202,8 +200,6 @@ def campaign(folder: Path, measurements: int) -> None:
 
 
 def _leg(folder: Path, measurements: int, model: str, extra: int, steps: int) -> None:
-    from hashlib import sha256
-
     campaign(folder, measurements)
     digest = sha256((folder / "campaign.json").read_bytes()).hexdigest()
     n = 7 + extra
@@ -271,7 +267,7 @@ def target(folder: Path) -> Path:
 
 def main(names: Annotated[list[str] | None, typer.Argument()] = None, work: int = 0) -> None:
     worst = False
-    for name in names or CASES:
+    for name in asked(names, CASES):
         with tempfile.TemporaryDirectory() as folder:
             CASES[name](Path(folder))
             found = measured(target(Path(folder)), "--work", work)

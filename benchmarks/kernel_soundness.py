@@ -8,7 +8,7 @@ that arb can form are not compared, and counted apart. Exits with status 1 and n
 import math
 import sys
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from flint import arb, ctx
@@ -56,15 +56,8 @@ def operands(rng: np.random.Generator, count: int) -> tuple[Floats, Floats, Floa
     return lo, hi, x
 
 
-class Swept(NamedTuple):
-    """How many pairs were compared, and the first whose bounds miss the value; None where there is none."""
-
-    compared: int
-    wrong: str | None
-
-
-def swept(name: str, pairs: int, seed: int) -> Swept:
-    """Random operands of a kernel, compared with arb until one is wrong."""
+def swept(name: str, pairs: int, seed: int) -> tuple[int, str | None]:
+    """Random operands of a kernel, compared with arb until one is wrong: how many were compared, and which is wrong."""
     kernel, exact, arity = KERNELS[name]
     rng = np.random.default_rng(seed)
     given, compared = [operands(rng, pairs) for _ in range(arity)], 0
@@ -80,8 +73,8 @@ def swept(name: str, pairs: int, seed: int) -> Swept:
                 continue
             compared += 1
             if math.isnan(low) or arb(low) > value.upper() or arb(high) < value.lower():
-                return Swept(compared, f"{name}: {bounds} at {points} gives [{low!r}, {high!r}] without {value}")
-    return Swept(compared, None)
+                return compared, f"{name}: {bounds} at {points} gives [{low!r}, {high!r}] without {value}"
+    return compared, None
 
 
 def main(pairs: int = 10_000, seed: int = 0) -> None:

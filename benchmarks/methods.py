@@ -25,20 +25,9 @@ from typing import Any, Protocol, TextIO
 import numpy as np
 
 import cpcal
+from benchmarks import runs
 from benchmarks.problems import Leg, PosedProblem, problem
-from benchmarks.runs import (
-    ANSWERED,
-    FAILED,
-    NEARLY,
-    SKIPPED,
-    TIMEOUT,
-    UNDECIDED,
-    Job,
-    MethodAnswer,
-    Run,
-    Task,
-    Unsupported,
-)  # fmt: skip
+from benchmarks.runs import Job, MethodAnswer, Run, Task, Unsupported
 from cpcal.checker import check
 from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
@@ -350,7 +339,7 @@ def work(job: Job, tell: TextIO) -> Run:
     try:
         asked = method(job.method)
         if (lacking := asked.missing()) is not None:
-            return Run(*name, SKIPPED, note=lacking)
+            return Run(*name, runs.SKIPPED, note=lacking)
         posed = problem(job.problem, None if job.data is None else Path(job.data))
         task = asked.prepare(TaskQuestion(posed, Task.named(job.task), job.eps, job.limit))
         print(json.dumps("ready"), file=tell, flush=True)
@@ -359,11 +348,11 @@ def work(job: Job, tell: TextIO) -> Run:
         answer = task()
         seconds, cpu = time.perf_counter() - began, time.process_time() - cpu
     except (Unsupported, FileNotFoundError) as reason:
-        return Run(*name, SKIPPED, note=str(reason))
+        return Run(*name, runs.SKIPPED, note=str(reason))
     except Exception as error:
-        return Run(*name, FAILED, note=f"{type(error).__name__}: {error}"[:300])
-    late = seconds > job.limit or (not answer.answered and seconds > NEARLY * job.limit)
-    status = TIMEOUT if late else ANSWERED if answer.answered else UNDECIDED
+        return Run(*name, runs.FAILED, note=f"{type(error).__name__}: {error}"[:300])
+    late = seconds > job.limit or (not answer.answered and seconds > runs.NEARLY * job.limit)
+    status = runs.TIMEOUT if late else runs.ANSWERED if answer.answered else runs.UNDECIDED
     return Run(*name, status, seconds, cpu, answer.figures, answer.note)
 
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import run_by_hand
-from benchmarks.vision_scenes import Setting, facing_poses, one, simulated_views
+from benchmarks.vision_scenes import Setting, facing_poses, simulated_views
 from cpcal.checker.sight import check_pose_set
 from cpcal.common.values import Floats, Indices
 from cpcal.models.sight import CameraSet, PixelBoxes, TargetSet, enclose_pose
@@ -33,11 +33,6 @@ from cpcal.vision.target import DELTALAB_TARGET
 COLUMNS = ("x", "y", "z", "rx", "ry", "rz")
 PLATE = 0.01  # mm
 _BORDER = 10.0  # pixels
-
-
-def drawn_pose(rng: np.random.Generator) -> Pose:
-    """A pose of the target in front of the camera, turned anyhow, tilted by up to 30 degrees."""
-    return one(facing_poses(rng, 1), 0)
 
 
 def calibrated() -> CameraSet:
@@ -66,7 +61,7 @@ def trial(
     rng: np.random.Generator, cameras: CameraSet, targets: TargetSet, half: float, outliers: int, certified: bool
 ) -> dict[str, Any]:
     """One image: whether its set holds the truth, half-widths, seconds; certified and checked where that is asked."""
-    pose = drawn_pose(rng)
+    pose = facing_poses(rng, 1).rows(0)
     numbers, centers = shown(rng, pose, cameras, targets)
     moved = centers + 0.999 * half * rng.uniform(-1.0, 1.0, centers.shape)
     wrong = rng.choice(len(numbers), outliers, replace=False)

@@ -57,7 +57,7 @@ class Leg:
     name: str
     leg: int
     joint_error: float
-    count: int
+    measurements: int
     delta: float
     uncertain: bool
 
@@ -73,11 +73,7 @@ class Leg:
     @cached_property
     def campaign(self) -> Campaign:
         factor = 3.0 if self.uncertain else 0.0
-        return cpcal.simulate(seed=SEED, joint_error=self.joint_error, factor=factor, runs=self.count // POSES)
-
-    @property
-    def measurements(self) -> int:
-        return self.count
+        return cpcal.simulate(seed=SEED, joint_error=self.joint_error, factor=factor, runs=self.measurements // POSES)
 
     @cached_property
     def middle(self) -> Floats:

@@ -165,10 +165,8 @@ def load(path: Path) -> Results:
 
 def machine() -> dict[str, str]:
     """Processor, system, versions of what takes part, without names of hosts, users or folders."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.exists() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     facts = {
         "processor": names[0] if names else platform.processor() or platform.machine(),

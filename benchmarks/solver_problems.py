@@ -21,7 +21,7 @@ from typing import Annotated, Any
 import typer
 
 import cpcal
-from benchmarks import run_by_hand
+from benchmarks import asked, run_by_hand
 from cpcal.problems.problem import answer, load_problem
 from cpcal.solver.contract import Verdict
 from cpcal.solver.execution.stopping import Reason, also_asked_by, heard
@@ -130,7 +130,7 @@ def main(names: Annotated[list[str] | None, typer.Argument()] = None, limit: flo
     load.add([x[0] ** 2 + x[1] ** 2 == 1, x[0] == x[1]])
     load.solve()  # compiles and loads
     rows = []
-    for name in names or sorted(literature()):
+    for name in asked(names, sorted(literature())):
         row = run(name, limit)
         rows.append(row)
         if page:

@@ -159,18 +159,13 @@ def _true_error(campaign: Campaign, others: Campaign, leg: int) -> float:
     """mm: with it some parameters satisfy the leg's equation at all poses of `others` and, for readings in their sets,
     of the campaign."""
     start = fit_model(campaign, leg)
-    x, error = _least_error(_joined([campaign, others]), leg, start)
+    network = leg_network(_joined([campaign, others]), leg, leg_box(start, 50.0), eps=(0.0, np.inf))
+    # the parameters nearby whose largest error is (locally) least, and that error
+    *x, error = minimax_fit(Rows(network), network.names.index("eps"), network.domain, np.append(start, 0.0))
+    error = max(float(error), 0.0)
     while any(certify_point(given, leg, x, eps=error).fails for given in (campaign, others)):
         error = 1.0001 * error + 1e-7
     return error
-
-
-def _least_error(campaign: Campaign, leg: int, start: Floats) -> tuple[Floats, float]:
-    """Parameters (7,) near `start` whose largest error is (locally) least, and that error in mm."""
-    box = leg_box(start, 50.0)
-    network = leg_network(campaign, leg, box, eps=(0.0, np.inf))
-    point = minimax_fit(Rows(network), network.names.index("eps"), network.domain, np.append(start, 0.0))
-    return point[:-1], max(float(point[-1]), 0.0)
 
 
 def _joined(campaigns: list[Campaign]) -> Campaign:

@@ -51,10 +51,6 @@ def facing_poses(
     return Pose(rng.uniform([-60.0, -50.0, depth[0]], [60.0, 50.0, depth[1]], (count, 3)), turn)
 
 
-def one(poses: Pose, k: int) -> Pose:
-    return Pose(poses.position[k], poses.quaternion[k])
-
-
 def found_dots(
     rng: np.random.Generator,
     target: Target,
@@ -114,7 +110,7 @@ def identified(lists: int, seed: int) -> dict[str, Counter[str]]:
             poses.position[:, :2] += rng.uniform(-200.0, 200.0, (len(poses.position), 2))
         for k in range(len(poses.position)):
             how = spoiled(rng, kind)
-            centers, labels = found_dots(rng, DELTALAB_TARGET, DELTALAB_CAMERA, one(poses, k), noise=0.02, **how)
+            centers, labels = found_dots(rng, DELTALAB_TARGET, DELTALAB_CAMERA, poses.rows(k), noise=0.02, **how)
             try:
                 found = identify(centers, DELTALAB_TARGET, DELTALAB_CAMERA)
                 told["right" if np.array_equal(labels[found.found], found.numbers) else "wrong"] += 1
@@ -135,7 +131,7 @@ def degenerate_images(seed: int) -> dict[str, npt.NDArray[np.generic]]:
     rng = np.random.default_rng(seed)
     camera, target = DELTALAB_CAMERA, DELTALAB_TARGET
     poses = facing_poses(rng, 1, depth=(700.0, 700.0))
-    pose = one(poses, 0)
+    pose = poses.rows(0)
     plain = render(target, camera, pose)
     shape = plain.shape
     beside, below = (Pose(pose.position + shift, pose.quaternion) for shift in ([420.0, 0.0, 0.0], [0.0, 400.0, 0.0]))
@@ -230,7 +226,7 @@ def simulated_views(
     """Views of the dots that are at least 10 px clear of the image's border, and the true poses."""
     views = []
     every = facing_poses(rng, setting.views, depth=setting.distance, tilt=setting.tilt)
-    poses = [one(every, k) for k in range(setting.views)]
+    poses = [every.rows(k) for k in range(setting.views)]
     for pose in poses:
         centers = predicted_centers(target, camera, pose)
         clear = (centers > 10.0) & (centers < np.array([camera.width - 11.0, camera.height - 11.0]))
@@ -257,7 +253,7 @@ def main(lists: int = 2000, images: int = 20, seed: int = 0) -> None:
         for number in range(seed, seed + images):
             rng = np.random.default_rng(number)
             x, y = rng.uniform(-0.4, 0.4, 2)
-            scene, pose = Scene(blur, noise, gradient=(float(x), float(y))), one(facing_poses(rng, 1), 0)
+            scene, pose = Scene(blur, noise, gradient=(float(x), float(y))), facing_poses(rng, 1).rows(0)
             found.append(errors(DELTALAB_TARGET, DELTALAB_CAMERA, pose, scene, number, bright=True))
         if found:
             names = ("pixels", "bound", "normalised")

@@ -24,7 +24,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from benchmarks import run_by_hand
-from benchmarks.vision_scenes import bent, facing_poses, one, pose_error, true_centers
+from benchmarks.vision_scenes import bent, facing_poses, pose_error, true_centers
 from cpcal.common.values import Floats
 from cpcal.robot import Pose
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
@@ -221,7 +221,7 @@ def measured(world: World, images: int, seed: int) -> dict[str, Any]:
     rng, camera = np.random.default_rng(seed), DELTALAB_CAMERA
     poses, reasons, rows, wrong, doubtful = poses_for(world, rng, images), Counter[str](), list[Floats](), 0, 0
     for k in range(images):
-        true = one(poses, k)
+        true = poses.rows(k)
         try:
             found = measure_pose(photograph(DELTALAB_TARGET, camera, true, world, rng), DELTALAB_TARGET, camera)
         except NotMeasured as reason:

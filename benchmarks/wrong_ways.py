@@ -1,18 +1,14 @@
 """Wrong ways to enter the data of a campaign: each takes a true one and returns what a hurried user would have made."""
 
 # mypy: ignore-errors
-import dataclasses
 from collections.abc import Callable
+from dataclasses import replace as changed
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cpcal.robot import Campaign, Pose, Robot, Uncertainty, inverse, rotation_vector
 from cpcal.robot.units import quaternion_from_euler
-
-
-def changed(campaign, **changes):
-    return dataclasses.replace(campaign, **changes)
 
 
 def euler(campaign, sequence):
@@ -50,7 +46,7 @@ def of_target(campaign, turn):
 
 
 def with_drawing(campaign, **parts):
-    return changed(campaign, robot=dataclasses.replace(campaign.robot, **parts))
+    return changed(campaign, robot=changed(campaign.robot, **parts))
 
 
 def in_unit(campaign, factor, *what):

@@ -68,12 +68,9 @@ PAGE = (DOCS / "your-data.md").read_text(encoding="utf-8")
 DATA = DOCS / "examples" / "data"
 
 
-def section(title):
-    return PAGE.split(f"\n## {title}\n")[1].split("\n## ")[0]
-
-
 def rows(title):
-    return [[cell.strip() for cell in line.split("|")[1:-1]] for line in section(title).splitlines() if "| `" in line]
+    section = PAGE.split(f"\n## {title}\n")[1].split("\n## ")[0]
+    return [[cell.strip() for cell in line.split("|")[1:-1]] for line in section.splitlines() if "| `" in line]
 
 
 def accepted(folder, where):

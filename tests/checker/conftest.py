@@ -126,19 +126,14 @@ def network_split_proof(network_proof: Proof) -> Proof:
     return halved(network_proof)
 
 
-def judge(path: Path, folder: Path | None) -> Accepted:
-    """The checker's verdict of a certificate, by the campaign.json in that folder."""
-    return check(path, None if folder is None else folder / NAME)
-
-
 @pytest.fixture
 def checked(tmp_path: Path) -> Callable[[bytes, Path | None], Accepted]:
-    """Check the bytes of a certificate."""
+    """Check the bytes of a certificate, by the campaign.json in a folder."""
 
     def checked_bytes(content: bytes, folder: Path | None) -> Accepted:
         path = tmp_path / "certificate.jsonl"
         path.write_bytes(content)
-        return judge(path, folder)
+        return check(path, None if folder is None else folder / NAME)
 
     return checked_bytes
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks.vision_scenes import facing_poses, one
+from benchmarks.vision_scenes import facing_poses
 from cpcal.checker import sight
 from cpcal.checker.sight import check_pose_set, check_pose_sets
 from cpcal.cli import app
@@ -39,7 +39,7 @@ def run(*words: str | Path) -> tuple[int, str]:
 def place(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Pose]:
     """Files of a camera, a target and an image; and its pose."""
     folder = tmp_path_factory.mktemp("place")
-    pose = one(facing_poses(np.random.default_rng(1), 1, depth=(300.0, 350.0), tilt=20.0), 0)
+    pose = facing_poses(np.random.default_rng(1), 1, depth=(300.0, 350.0), tilt=20.0).rows(0)
     (folder / "images").mkdir()
     image = render(SMALL, DELTALAB_CAMERA, pose, seed=1)
     opencv().imwrite(str(folder / "images" / "first.png"), image)

@@ -83,12 +83,8 @@ def emptied(run: Path) -> None:
         path.unlink()
 
 
-def up(value: float) -> float:
-    return math.nextafter(value, math.inf)
-
-
 def moved(values: list[float]) -> list[float]:
-    return [up(values[0]), *values[1:]]
+    return [math.nextafter(values[0], math.inf), *values[1:]]
 
 
 FIRST = "leg1.cert.jsonl"

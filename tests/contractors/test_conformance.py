@@ -21,24 +21,14 @@ from cpcal.solver.testing import CONFORMANCE, Case, boxes, cases, check_contract
 Trial = tuple[Case, Contractor, Box, Contraction, str]
 
 
-def then(network: ConstraintNetwork, **options: Any) -> Contractor:
-    return HC4(network, **options) >> Lifted(network, **options)
-
-
-def union(network: ConstraintNetwork, **options: Any) -> Contractor:
-    return HC4(network, **options) | (Lifted(network, **options) >> HC4(network, **options))
-
-
-def repeated(network: ConstraintNetwork, **options: Any) -> Contractor:
-    return Repeat(HC4(network, **options), ratio=0.99)
-
-
-def sliced(network: ConstraintNetwork, **options: Any) -> Contractor:
-    return Cid(HC4(network, **options) >> Newton(network, **options), slices=2)
-
-
-ALGEBRA = {"then": then, "union": union, "repeat": repeated}
-VARIANTS = {"cid with newton": sliced}
+ALGEBRA: dict[str, ContractorFactory] = {
+    "then": lambda net, **options: HC4(net, **options) >> Lifted(net, **options),
+    "union": lambda net, **options: HC4(net, **options) | (Lifted(net, **options) >> HC4(net, **options)),
+    "repeat": lambda net, **options: Repeat(HC4(net, **options), ratio=0.99),
+}
+VARIANTS: dict[str, ContractorFactory] = {
+    "cid with newton": lambda net, **options: Cid(HC4(net, **options) >> Newton(net, **options), slices=2)
+}
 OURS = tomllib.loads(Path(__file__).parents[2].joinpath("pyproject.toml").read_text())["project"]["entry-points"]
 FACTORIES = {name: plugins.load(name) for name in OURS[plugins.GROUP]} | ALGEBRA
 
@@ -118,16 +108,8 @@ def shave_one_float(box: Box, result: Contraction) -> Contraction:
     return Contraction(result.box.with_bounds(np.nextafter(result.box.lo, np.inf), result.box.hi))
 
 
-def widen(box: Box, result: Contraction) -> Contraction:
-    return Contraction(box.with_bounds(np.nextafter(box.lo, -np.inf), box.hi))
-
-
 def fill(box: Box, result: Contraction) -> Contraction:
     return Contraction(box.with_bounds(np.zeros(len(box)), np.ones(len(box)))) if box.is_empty else result
-
-
-def rename(box: Box, result: Contraction) -> Contraction:
-    return Contraction(Box([name + "'" for name in box.names], result.box.lo, result.box.hi))
 
 
 _COUNTER = itertools.count()
@@ -142,19 +124,6 @@ def waver_in_steps(box: Box, result: Contraction) -> Contraction:
     return Contraction(result.box, (step,))
 
 
-def invent_variable(box: Box, result: Contraction) -> Contraction:
-    return Contraction(result.box, (Step("x", "no such variable", "lo", -np.inf),))
-
-
-def boast(box: Box, result: Contraction) -> Contraction:
-    """The step claims more than the box shows."""
-    return Contraction(result.box, (Step("x", box.names[0], "lo", np.inf),))
-
-
-def claim_empty(box: Box, result: Contraction) -> Contraction:
-    return Contraction(box, (Step("x", None, "", np.nan),))
-
-
 def scribble(box: Box, result: Contraction) -> Contraction:
     if not box.is_empty:
         object.__setattr__(box, "lo", np.nextafter(box.lo, -np.inf))
@@ -164,12 +133,21 @@ def scribble(box: Box, result: Contraction) -> Contraction:
 BROKEN = {
     "halve": (spoilt(halve), "keeps_solutions"),
     "shave": (spoilt(shave_one_float), "keeps_solutions"),
-    "widen": (spoilt(widen), "leaves_a_part"), "rename": (spoilt(rename), "leaves_a_part"),
+    "widen": (
+        spoilt(lambda box, _: Contraction(box.with_bounds(np.nextafter(box.lo, -np.inf), box.hi))), "leaves_a_part"),
+    "rename": (
+        spoilt(lambda _, found: Contraction(Box([f"{n}'" for n in found.box.names], found.box.lo, found.box.hi))),
+        "leaves_a_part"),
     "fill": (spoilt(fill), "leaves_a_part"), "waver": (spoilt(waver), "is_repeatable"),
     "waver in steps": (spoilt(waver_in_steps), "is_repeatable"),
     "lambda": (spoilt(lambda box, result: result), "is_repeatable"),
-    "scribble": (spoilt(scribble), "is_repeatable"), "invent": (spoilt(invent_variable), "leaves_a_part"),
-    "boast": (spoilt(boast), "leaves_a_part"), "claim": (spoilt(claim_empty), "leaves_a_part"),
+    "scribble": (spoilt(scribble), "is_repeatable"),
+    "invent": (
+        spoilt(lambda _, found: Contraction(found.box, (Step("x", "no such variable", "lo", -np.inf),))),
+        "leaves_a_part"),
+    "boast": (  # of more than the box shows
+        spoilt(lambda box, found: Contraction(found.box, (Step("x", box.names[0], "lo", np.inf),))), "leaves_a_part"),
+    "claim": (spoilt(lambda box, _: Contraction(box, (Step("x", None, "", np.nan),))), "leaves_a_part"),
     "no weights": (spoilt(lambda box, result: result, gives_weights=True), "leaves_a_part"),
     "no word": (spoilt(lambda box, result: result, gives_weights="yes"), "leaves_a_part"),
 }  # fmt: skip

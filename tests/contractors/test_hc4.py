@@ -12,6 +12,7 @@ from cpcal.models import fit_model, leg_box, leg_network
 from cpcal.solver.contract import Contraction, Repeat
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork
+from tests.networks import network
 
 
 @pytest.mark.parametrize("factor", [0.0, 3.0])
@@ -39,8 +40,7 @@ def test_a_batch_is_its_boxes_one_by_one(factor: float) -> None:
 
 @pytest.mark.parametrize("expression", ["3 * x", "x + 3", "3 - x", "x - 3", "x / 3", "3 / x"])
 def test_what_a_constant_forbids_is_found_at_the_other_argument(expression: str) -> None:
-    net = cpcal.Network()
-    x = net.variable("x", domain=(1.0, 2.0))
+    net, x = network(x=(1.0, 2.0))
     value = eval(expression, {"x": x})
     inside, outside = eval(expression, {"x": 1.5}), eval(expression, {"x": 2.5})
     net.add(value.within((inside, inside)))
@@ -50,8 +50,7 @@ def test_what_a_constant_forbids_is_found_at_the_other_argument(expression: str)
 
 
 def test_a_constraint_of_constants_alone_can_fail() -> None:
-    net = cpcal.Network()
-    x = net.variable("x", domain=(1.0, 2.0))
+    net, x = network(x=(1.0, 2.0))
     one = net.constant(np.array([1.0, 1.0]))
     net.add((one + 1.0 + 0.0 * x).within((3.0, 4.0)))
     assert HC4(net).contract(net.domain).box.is_empty
@@ -59,19 +58,14 @@ def test_a_constraint_of_constants_alone_can_fail() -> None:
 
 def crossing(half: float = 3.0) -> ConstraintNetwork:
     """x + y = 0 and x - y = 0: the smallest system at which hc4 stands still (Lhomme 1993)."""
-    net = ConstraintNetwork()
-    x, y = net.variable("x", (), (-half, half)), net.variable("y", (), (-half, half))
+    net, x, y = network(x=(-half, half), y=(-half, half))
     net.add([x + y == 0, x - y == 0])
     return net
 
 
-def stuck(net: ConstraintNetwork) -> bool:
-    return Repeat(HC4(net), 0.999).contract(net.domain).box == net.domain
-
-
 def test_slices_where_hc4_is_stuck() -> None:
     net = crossing()
-    assert stuck(net)
+    assert Repeat(HC4(net), 0.999).contract(net.domain).box == net.domain
     result = Cid(HC4(net)).contract(net.domain)
     assert result.box.width.max() < 1e-9
     assert (0.0, 0.0) in result.box

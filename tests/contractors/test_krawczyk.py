@@ -17,6 +17,7 @@ from cpcal import Network
 from cpcal.solver.contract import Repeat
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, evaluate, maximum, minimum, norm, sqr, sqrt
+from tests.networks import network
 
 Floats = npt.NDArray[np.float64]
 SEEDS = st.integers(0, 2**32 - 1)
@@ -28,8 +29,7 @@ KINDS = {"krawczyk": Krawczyk, "beaumont": Beaumont}
 
 def linear(matrix: tuple[Floats, Floats], right: tuple[Floats, Floats], lo: Floats, hi: Floats) -> ConstraintNetwork:
     """A x = b for SOME A and b in their sets."""
-    net = ConstraintNetwork()
-    x = net.variable("x", len(lo), (lo, hi))
+    net, x = network(len(lo), x=(lo, hi))
     A, b = (net.reading((u + v) / 2, (v - u) / 2) for u, v in (matrix, right))
     net.add((A * x).sum(-1) == b)
     return net
@@ -111,17 +111,9 @@ def test_never_loses_a_point_that_touches_its_constraints(kind: str, seed: int) 
     assert point in found.box
 
 
-def circle_and_parabola() -> ConstraintNetwork:
-    net = ConstraintNetwork()
-    x, y = net.variable("x", (), (-3, 3)), net.variable("y", (), (-3, 3))
-    net.add([sqr(x) + sqr(y) == 4, y == sqr(x) - 1])
-    return net
-
-
 def test_a_zero_in_one_call_where_hc4_is_stuck() -> None:
     """Two curves that cross at right angles, neither along an axis, at (1, 1)."""
-    net = ConstraintNetwork()
-    x, y = net.variable("x", (), (0.5, 1.5)), net.variable("y", (), (0.5, 1.5))
+    net, x, y = network(x=(0.5, 1.5), y=(0.5, 1.5))
     net.add([10 * x + 10 * y + x * y == 21, 10 * x - 10 * y + sqr(x) - sqr(y) == 0])
     assert Repeat(HC4(net), 0.999).contract(net.domain).box.width.min() > 0.9
     box = Newton(net).contract(net.domain).box
@@ -130,7 +122,8 @@ def test_a_zero_in_one_call_where_hc4_is_stuck() -> None:
 
 
 def test_after_the_deadline_boxes_stay_as_they_are() -> None:
-    net = circle_and_parabola()
+    net, x, y = network(x=(-3, 3), y=(-3, 3))
+    net.add([sqr(x) + sqr(y) == 4, y == sqr(x) - 1])
     near = Box(net.names, [1.2, 1.2], [1.6, 1.4])
     assert Newton(net).contract(near, time.monotonic()).box == near
     assert Newton(net).contract(near).box.width.max() < 1e-12
@@ -176,8 +169,7 @@ def ranging(wrong: int | None) -> Network:
     distance = np.linalg.norm(BEACONS - TRUTH, axis=1)
     if wrong is not None:
         distance[wrong] += 4.0
-    net = Network()
-    p = net.variable("p", 2, (-20, 20))
+    net, p = network(2, p=(-20, 20))
     net.add((norm(BEACONS - p) - distance).within((-0.05, 0.05)))
     return net
 

@@ -13,7 +13,6 @@ from contractors import Lifted, Regression
 from contractors.lifted import Directions, over_box
 from contractors.relaxation import CentredRows, Relaxation, Shift, Structure, column_bounds, product_rows
 from cpcal.models import fit_model, leg_box, leg_network, model_residuals
-from cpcal.robot import Campaign
 from cpcal.simulate import simulate, true_robot
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.linear import Dense, LinearSolution, LinearStatus
@@ -21,6 +20,7 @@ from cpcal.solver.network import ConstraintNetwork, PolynomialForms, norm, sqrt
 from cpcal.solver.network.polynomial import Monomial
 from cpcal.solver.network.rows import DecisiveReadings
 from cpcal.solver.testing import Case, cases
+from tests.networks import network
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -84,8 +84,7 @@ def test_a_measurement_decides_at_neither_end_across_a_pole_or_a_missing_root() 
 def test_rows_made_before_are_used_again_only_where_the_same_ends_of_the_readings_decide() -> None:
     """Whatever boxes came before, the contraction is the same."""
     anchors = np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 4.0]])
-    net = ConstraintNetwork()
-    x = net.variable("x", 2, ([-5.0, -5.0], [5.0, 5.0]))
+    net, x = network(2, x=([-5.0, -5.0], [5.0, 5.0]))
     net.add((norm(net.reading(anchors, 0.1) - x) - 2.5).within((-0.1, 0.1)))
     boxes = [net.domain, net.domain.replace("x[0]", lo=1.0), net.domain.replace("x[0]", hi=2.0), net.domain]
     reused = Lifted(net)
@@ -107,16 +106,10 @@ def holds(directions, bounds, point):
     return all(dot(directions[k], point) <= Fraction(bounds[k]) for k in near)
 
 
-def strip():
-    """Two unknowns whose sum is known a hundred times better than either, on a disc."""
-    net = ConstraintNetwork()
-    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
-    net.add([(x + y).within((-0.01, 0.01)), x * x + y * y <= 2])
-    return net
-
-
 def test_a_strip_is_much_thinner_than_its_box() -> None:
-    net = strip()
+    """Two unknowns whose sum is known a hundred times better than either, on a disc."""
+    net, x, y = network(x=(-2, 2), y=(-2, 2))
+    net.add([(x + y).within((-0.01, 0.01)), x * x + y * y <= 2])
     lifted = Lifted(net)
     box = lifted.contract(net.domain).box
     directions = np.array([[1.0, 1.0], [-1.0, -1.0], [1.0, 0.0], [1.0, -1.0], [0.0, 0.0]])
@@ -150,8 +143,7 @@ def test_they_hold_every_sampled_solution_of_a_leg(seed: int) -> None:
 
 
 def test_where_no_program_helps_the_box_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    net = ConstraintNetwork()
-    x, y = net.variable("x", (), (-np.inf, 2)), net.variable("y", (), (-1, 3))
+    net, x, y = network(x=(-np.inf, 2), y=(-1, 3))
     net.add(x * y <= 1)
     directions = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [-1.0, 0.0]])
     bounds = Lifted(net).support_function(net.domain, directions)
@@ -182,8 +174,7 @@ def test_directions_of_any_size_lose_nothing(power: int) -> None:
 
 
 def test_of_an_empty_set_they_are_empty() -> None:
-    net = ConstraintNetwork()
-    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
+    net, x, y = network(x=(-2, 2), y=(-2, 2))
     net.add([x * x + y * y <= 1, x + y >= 1.6])
     lifted = Lifted(net)
     assert (lifted.support_function(net.domain, np.eye(2)) == -np.inf).all()
@@ -221,8 +212,7 @@ def test_rows_hold_at_solutions(case: Case, data: st.DataObject) -> None:
 
 def test_a_guard_that_may_fail_is_paid_for() -> None:
     """sqrt(x) >= y holds for every y < 0, where y^2 <= x does not; where y > 0 on the box nothing is paid."""
-    net = ConstraintNetwork()
-    x, y = net.variable("x", (), (0, 1)), net.variable("y", (), (-3, 1))
+    net, x, y = network(x=(0, 1), y=(-3, 1))
     net.add(sqrt(x) >= y)
     assert all(rows_hold(net, net.domain, [0.25, -3.0]))
     inside = net.domain.replace("y", lo=0.125)
@@ -232,8 +222,7 @@ def test_a_guard_that_may_fail_is_paid_for() -> None:
 
 def test_columns_are_capped_and_the_rows_still_hold() -> None:
     """A product of degree 11 of each three of five unknowns has hundreds of divisors; what has no column is bounded."""
-    net = ConstraintNetwork()
-    x = net.variable("x", 5, (-1, 1))
+    net, x = network(5, x=(-1, 1))
     point = np.array([0.5, -0.25, 0.75, -0.5, 0.125])
     for k in range(5):
         a, b, c = x[k], x[(k + 1) % 5], x[(k + 2) % 5]
@@ -252,8 +241,7 @@ def test_columns_are_capped_and_the_rows_still_hold() -> None:
 
 
 def test_rows_with_too_many_products_are_left_over_and_named() -> None:
-    net = ConstraintNetwork()
-    x = net.variable("x", 30, (-1, 1))
+    net, x = network(30, x=(-1, 1))
     product = x[0]
     for k in range(1, 30):
         product = product * x[k]  # a billion divisors
@@ -263,18 +251,11 @@ def test_rows_with_too_many_products_are_left_over_and_named() -> None:
     assert set(system.origin[:, 0].tolist()) == {1}
 
 
-def network(campaign: Campaign, delta: float) -> tuple[ConstraintNetwork, np.ndarray]:
-    truth = true_robot(campaign)
-    assert truth is not None
-    x = truth.parameters[0]
-    net = leg_network(campaign, 1, leg_box(x + 0.3 * delta, delta), eps=(0.0, 0.01))
-    return net, x
-
-
 @pytest.mark.parametrize("factor", [0.0, 3.0])
 def test_it_takes_a_leg_from_100_mm_to_what_the_tolerances_say_and_keeps_the_truth(factor: float) -> None:
     campaign = simulate(seed=5, joint_error=0.0, noise=min(factor, 1.0), truncate=3.0, factor=factor)
-    net, x = network(campaign, 100.0)
+    x = true_robot(campaign).parameters[0]
+    net = leg_network(campaign, 1, leg_box(x + 30.0, 100.0), eps=(0.0, 0.01))
     left = Regression(net, objective="eps").contract(net.domain)
     assert (left.box.width[:7] < 0.65 * 200.0).all()
     assert np.append(x, 0.01) in left.box
@@ -284,8 +265,7 @@ def test_it_takes_a_leg_from_100_mm_to_what_the_tolerances_say_and_keeps_the_tru
 @pytest.mark.parametrize("reach", [9.0, 1000.0])
 def test_tolerances_that_contradict_the_box_leave_nothing(reach: float) -> None:
     """By least squares x[0] is about 33.3, and x[1] about 5."""
-    net = ConstraintNetwork()
-    x = net.variable("x", 2, ((-reach, -reach), (reach, reach)))
+    net, x = network(2, x=((-reach, -reach), (reach, reach)))
     sides = np.array([60.0, 0.0, 70.0])
     net.add((np.array([1.0, 1.0, 1.0]) * x[0] + np.array([1.0, 2.0, 3.0]) * x[1] - sides).within((-0.1, 0.1)))
     result = Regression(net).contract(net.domain)

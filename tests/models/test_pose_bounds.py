@@ -130,8 +130,9 @@ def shares(poses, sets):
 def alone(known, eps):
     """Sets that hold only the controller's parameters."""
     nothing = IntervalArray.of(np.zeros(SIZE))
+    there = {"ranges": lambda directions: IntervalArray.of(np.zeros(len(directions)))}
     return [
-        one._replace(eps=eps, box=nothing, along=nothing[:7], ranges=nowhere, controller=row)
+        one._replace(eps=eps, box=nothing, along=nothing[:7], controller=row, **there)
         for one, row in zip(known.sets, known.controller.parameters, strict=True)
     ]
 
@@ -168,11 +169,6 @@ def worst_of(found):
 
 def pose_bounds(poses, sets):
     return cell_bounds(Cells.of_poses(poses), sets)[1]
-
-
-def nowhere(directions):
-    """Of a set that holds only the controller's parameters."""
-    return IntervalArray.of(np.zeros(len(directions)))
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.pose_sets import drawn_pose, shown
+from benchmarks.pose_sets import shown
+from benchmarks.vision_scenes import facing_poses
 from cpcal.checker.bounds import Bounds, number
 from cpcal.checker.lens import Cameras
 from cpcal.checker.sight import check_pose_set, check_pose_sets
@@ -52,7 +53,7 @@ def test_the_true_pose_is_inside(kind: str) -> None:
     """Adversarial: all dots push the pose the same way."""
     rng = np.random.default_rng(["uniform", "adversarial", "exact"].index(kind))
     for half_width in (0.03, 0.5):
-        pose = drawn_pose(rng)
+        pose = facing_poses(rng, 1).rows(0)
         slopes = slopes_of(pose)
         pushed = np.sign(slopes @ (rng.standard_normal(6) / np.linalg.norm(slopes, axis=0)))
         errors = {"uniform": rng.uniform(-1.0, 1.0, len(slopes)), "adversarial": pushed, "exact": 0.0 * pushed}[kind]
@@ -178,7 +179,7 @@ def test_few_dots_and_other_lenses(count: int) -> None:
     for camera in (DELTALAB_CAMERA, wide, plain):
         more = rng.choice(np.arange(13, len(ALL)), max(count - 4, 0), replace=False)
         chosen = np.array([0, 6, 12, 7][:count] + more.tolist())
-        pose = drawn_pose(rng)
+        pose = facing_poses(rng, 1).rows(0)
         pixels = projected(pose, camera)[chosen] + rng.uniform(-0.04, 0.04, (count, 2))
         found = enclose_pose(PixelBoxes.around(chosen, pixels, 0.04), DELTALAB_TARGET, camera)
         assert found.verdict is Verdict.PROVED
@@ -192,7 +193,7 @@ PLATE = 0.01  # mm
 
 def seen(rng: np.random.Generator, cameras: CameraSet, targets: TargetSet) -> tuple[Pose, PixelBoxes]:
     """A pose, and boxes of +-0.05 px that hold the dots' images' centres, of some camera and plate of the sets."""
-    pose = drawn_pose(rng)
+    pose = facing_poses(rng, 1).rows(0)
     numbers, centers = shown(rng, pose, cameras, targets)
     moved = centers + rng.uniform(-0.0499, 0.0499, centers.shape)
     return pose, PixelBoxes.around(numbers, moved, 0.05, of_images=True)
@@ -233,7 +234,7 @@ def test_the_bias_holds_the_centroid_of_the_area() -> None:
     for camera in (DELTALAB_CAMERA, wide):
         cameras = Cameras([F(v) for v in camera.numbers.tolist()], [()] * 9, F(6, 10))
         for _ in range(2):
-            pose = drawn_pose(rng)
+            pose = facing_poses(rng, 1).rows(0)
             points = transformed(pose, DELTALAB_TARGET.points)
             chosen = rng.choice(len(points), 4, replace=False)
             p, normal = points[chosen], pose.rotation[:, 2].tolist()

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.pose_sets import drawn_pose, shown
+from benchmarks.pose_sets import shown
+from benchmarks.vision_scenes import facing_poses
 from cpcal.checker.sight import check_pose_set, check_pose_sets, digest_of
 from cpcal.models.sight import CameraSet, PixelBoxes, TargetSet, enclose_pose
 from cpcal.robot import Pose
@@ -29,7 +30,7 @@ def certified(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rng = np.random.default_rng(7)
     targets = TargetSet(FEW, 0.01, scale=2e-4)
     cameras = CameraSet.ellipsoid(DELTALAB_CAMERA, np.diag(WIDTHS**2), 1.0)
-    pose = drawn_pose(rng)
+    pose = facing_poses(rng, 1).rows(0)
     numbers, centers = shown(rng, pose, cameras, targets)
     boxes = PixelBoxes.around(numbers, centers + rng.uniform(-0.0499, 0.0499, centers.shape), 0.05, of_images=True)
     found = enclose_pose(
@@ -46,7 +47,7 @@ def robust(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("robust")
     rng = np.random.default_rng(8)
     cameras, targets = CameraSet(DELTALAB_CAMERA), TargetSet(FEW)
-    pose = drawn_pose(rng)
+    pose = facing_poses(rng, 1).rows(0)
     numbers, centers = shown(rng, pose, cameras, targets)
     boxes = PixelBoxes.around(numbers, centers + rng.uniform(-0.04, 0.04, centers.shape), 0.05, of_images=True)
     found = enclose_pose(boxes, targets, cameras, outliers=1, certificate=folder / NAME)
@@ -146,13 +147,12 @@ def edited(folder: Path, copy: Path, number: int, line: int, edit: Edit) -> str:
     return str(check_pose_set(copy / f"{NAME}.pose.json").refused)
 
 
-def one_wrong(header: Any) -> None:
-    header.update(wrong=[3], dots=[k for k in header["dots"] if k != 3], outliers=0)
-
-
 HEADERS: dict[str, tuple[Edit, str]] = {
     "all right": (put("outliers", to=0), "another number of wrong dots"),
-    "one wrong": (one_wrong, "not proved that dot 3 is wrong"),
+    "one wrong": (
+        lambda header: header.update(wrong=[3], dots=[k for k in header["dots"] if k != 3], outliers=0),
+        "not proved that dot 3 is wrong",
+    ),
     "after itself": (put("after", to=[f"{NAME}.4.cert.jsonl"]), "on itself"),
     "after the same dots": (put("after", to=[f"{NAME}.1.cert.jsonl"] * 3), "give no box together"),
     "after one group": (put("after", to=[f"{NAME}.1.cert.jsonl"]), SPOILED),

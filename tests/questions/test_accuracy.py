@@ -257,7 +257,7 @@ def test_measurements_that_a_robust_run_left_out_are_left_out_of_what_is_assumed
         replace(leg, bracket=replace(leg.bracket, left_out=(bad,) if leg.leg == 3 else ())) for leg in result.legs
     )
     result = replace(result, legs=legs, campaign=replace(result.campaign, sha256=campaign_sha256(campaign)))
-    poses = NamedPoses(("here",), campaign_pose(campaign, 0))
+    poses = NamedPoses(("here",), Pose(campaign.position[:1], campaign.quaternion[:1]))
     found = certify_accuracy(campaign, result, poses=poses, assume=ERROR, certificates=tmp_path, next_poses=0)
     assert found.legs[2].left_out == (bad,)
     assert f"but {bad}" in assumption(found)
@@ -270,10 +270,6 @@ def test_measurements_that_a_robust_run_left_out_are_left_out_of_what_is_assumed
         save_accuracy(replace(found, legs=other), tmp_path)
         with pytest.raises(Refused, match="another measurements"):
             check_accuracy(tmp_path)
-
-
-def campaign_pose(campaign, k):
-    return Pose(campaign.position[k : k + 1], campaign.quaternion[k : k + 1])
 
 
 REFUSED: dict[str, tuple[str, dict[str, Any], str, str]] = {

@@ -87,18 +87,14 @@ def test_an_edited_user_defined_model_does_not_go_on_from_answers_of_the_old_one
         extra = (cpcal.Parameter("s", "mm/mm", 0.05),)
         return cpcal.LegModel("mine", "a gain", extra, lambda measured, x: factor * measured.length * x["s"])
 
+    def stop(leg, _):
+        if leg == 2:
+            raise KeyboardInterrupt
+
     first = {"model": model(1.0), "node_limit": 1, "delta": 5.0}
-    begun = stopped_after_a_leg(campaign, tmp_path, **first)
+    begun = cpcal.certify(campaign, legs=[1, 2], certificates=tmp_path, progress=stop, **first)
     assert begun.interrupted
     assert begun.legs
     with pytest.raises(InputError, match="of another run: model differ"):
         cpcal.certify(campaign, certificates=tmp_path, resume=True, **{**first, "model": model(2.0)})
     cpcal.certify(campaign, certificates=tmp_path, resume=True, **first)  # the same function again
-
-
-def stopped_after_a_leg(campaign, run, **options):
-    def stop(leg, _):
-        if leg == 2:
-            raise KeyboardInterrupt
-
-    return cpcal.certify(campaign, legs=[1, 2], certificates=run, progress=stop, **options)

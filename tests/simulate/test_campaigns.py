@@ -107,10 +107,6 @@ def sampled(seed=1, **sizes):
     return mechanisms_of({"seed": seed, "stroke": STROKE, "friction": 0.0} | dict.fromkeys(LARGE, 0.0) | sizes)
 
 
-def solved(**sizes):
-    return assembled_with(DELTALAB, sampled(**sizes), READINGS, IDEAL)
-
-
 @pytest.mark.parametrize("name", LARGE)
 def test_poses_satisfy_the_six_leg_equations_to_rounding(name):
     mechanisms = sampled(**{name: LARGE[name]})
@@ -139,7 +135,7 @@ def test_legs_that_carry_the_platform_are_compressed_and_their_forces_balance_it
 
 def test_mechanisms_that_fit_no_pose_are_refused():
     with pytest.raises(KinematicsError, match="imperfections"):
-        solved(gain=-0.9)
+        assembled_with(DELTALAB, sampled(gain=-0.9), READINGS, IDEAL)
 
 
 SMALL = {"runs": 2, "validation_runs": 2, "random_poses": 5}

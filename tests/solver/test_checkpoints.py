@@ -13,23 +13,18 @@ from cpcal.common.errors import InputError
 from cpcal.solver import model
 from cpcal.solver.contract import Limits
 from cpcal.solver.optimize.bound import Minimum
+from tests.networks import network
 
 LIFTED = {"gap": 3e-2}  # with a certificate
 HC4 = {"gap": 0.3, "contractors": ["hc4"]}
 
 
-def hills(least: float = 0.5) -> tuple[cpcal.Network, cpcal.Expr]:
-    """Several boxes have to be divided."""
-    net = cpcal.Network()
-    x, y = (net.variable(name, (), (-2.0, 2.0)) for name in "xy")
-    net.add(x * x + y * y >= least)
-    return net, x**4 - 2.0 * x * x + y**4 - y * y + 0.3 * x * y
-
-
 def solved(**options: object) -> Minimum:
+    """Several boxes have to be divided."""
     limits = Limits(gap=options.pop("gap"), nodes=options.pop("nodes", None))
-    net, objective = hills(options.pop("least", 0.5))
-    return net.minimize(objective, limits=limits, **options)
+    net, x, y = network(x=(-2.0, 2.0), y=(-2.0, 2.0))
+    net.add(x * x + y * y >= options.pop("least", 0.5))
+    return net.minimize(x**4 - 2.0 * x * x + y**4 - y * y + 0.3 * x * y, limits=limits, **options)
 
 
 def answer(found: Minimum) -> tuple[object, ...]:
@@ -96,16 +91,14 @@ def test_killed_at_any_moment_it_goes_on_to_the_same_certificate(tmp_path, whole
 
 def ring(least: float = 1.0) -> cpcal.Network:
     """A region, of one method."""
-    net = cpcal.Network()
-    y = net.variable("y", 2, (-2, 2))
+    net, y = network(2, y=(-2, 2))
     net.add((y[0] * y[0] + y[1] * y[1]).within((least, 2.0)))
     return net
 
 
 def points() -> cpcal.Network:
     """Single points, for which several methods take turns."""
-    net = cpcal.Network()
-    x, y, z = (net.variable(name, (), (-30, 30)) for name in "xyz")
+    net, x, y, z = network(x=(-30, 30), y=(-30, 30), z=(-30, 30))
     net.add(x**2 + y**2 + z**2 == 12.0)
     net.add(x * y + y * z == cpcal.sin(x) + 3.0)
     net.add(x**3 - z * y == 1.0)

@@ -10,11 +10,11 @@ from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.model import choice_to_minimize, choice_to_solve
 from cpcal.solver.network.polynomial import PolynomialForms
 from cpcal.solver.search import Contender, Divide, LargestFirst, Race, Search
+from tests.networks import network
 
 
 def circle_and_line() -> cpcal.Network:
-    net = cpcal.Network()
-    x = net.variable("x", 2, (-2, 2))
+    net, x = network(2, x=(-2, 2))
     net.add([x[0] ** 2 + x[1] ** 2 == 1, x[0] == 2 * x[1]])
     return net
 
@@ -22,8 +22,7 @@ def circle_and_line() -> cpcal.Network:
 def test_the_choice_follows_the_structure() -> None:
     methods = [(m.contractors, m.strategy) for m in choice_to_solve(circle_and_line()).methods]
     assert methods[-2:] == [(("hc4", "newton", "lifted"), "smear-relative"), (("lifted", "newton"), "largest")]
-    net = cpcal.Network()
-    x = net.variable("x", 2, (-2, 2))
+    net, x = network(2, x=(-2, 2))
     net.add(np.sin(x[0]) + x[1] <= 1)
     assert len(choice_to_solve(net).methods) == 1  # nothing to prove for newton
     assert "beaumont" in choice_to_minimize(net)[0]
@@ -47,8 +46,7 @@ def test_the_first_contender_that_ends_wins_and_others_take_turns_before() -> No
 
 
 def test_limits_hold_inside_a_long_contraction() -> None:
-    net = cpcal.Network()
-    x = net.variable("x", 30, (-5, 5))
+    net, x = network(30, x=(-5, 5))
     net.add([(x[k] ** 2 + x[(k + 1) % 30] * x[k - 1]).within((1, 1)) for k in range(30)])
     contraction_of_one_node = net.solve(contractors=["hc4", "lifted"], limits=Limits(seconds=0.0))
     assert contraction_of_one_node.nodes == 1
@@ -56,8 +54,7 @@ def test_limits_hold_inside_a_long_contraction() -> None:
 
 
 def test_relaxed_equations_are_said_to_be_relaxed() -> None:
-    net = cpcal.Network()
-    x = net.variable("x", 2, (-5, 5))
+    net, x = network(2, x=(-5, 5))
     net.add(cpcal.sqr(x).sum() == 1)
     best = net.minimize(x[0] + x[1], relax=1e-8)
     assert best.relax == 1e-8
@@ -71,22 +68,19 @@ def test_relaxed_equations_are_said_to_be_relaxed() -> None:
 
 
 def test_a_solution_on_the_boundary_of_the_domain_is_proved() -> None:
-    net = cpcal.Network()
-    x = net.variable("x", domain=(0, 1))
+    net, x = network(x=(0, 1))
     net.add(x**2 == 1)
     [solution] = net.solve().solutions
     assert solution.verdict is Verdict.PROVED
     assert (solution.box.lo[0], solution.box.hi[0]) == (1.0, 1.0)
-    beyond = cpcal.Network()
-    y = beyond.variable("y", domain=(0, 1))
+    beyond, y = network(y=(0, 1))
     beyond.add(y**2 == 1.0000000000000004)
     assert not any(s.verdict is Verdict.PROVED for s in beyond.solve().solutions)
 
 
 def made(unknowns: int, spheres: int = 1) -> cpcal.Network:
     """So many spheres of so many unknowns."""
-    net = cpcal.Network()
-    x = net.variable("x", unknowns, (-2, 2))
+    net, x = network(unknowns, x=(-2, 2))
     net.add([cpcal.sqr(x).sum() + k * x[k] == 1 for k in range(spheres)])
     return net
 
@@ -117,8 +111,7 @@ def test_a_curve_that_runs_to_infinity_is_divided_within_100_of_zero() -> None:
 
 
 def test_a_time_limit_holds_while_rows_are_expanded() -> None:
-    net = cpcal.Network()
-    x = net.variable("x", 6, (-1, 1))
+    net, x = network(6, x=(-1, 1))
     net.add([(x.sum() + k) ** 12 + x[k] == 1 for k in range(6)])
     forms = PolynomialForms(net, deadline=0.0).on()
     assert {constraint for constraint, _ in forms.leftover} == set(range(6))

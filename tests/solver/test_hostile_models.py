@@ -17,6 +17,7 @@ from cpcal.solver.existence import Inside
 from cpcal.solver.interval import Box
 from cpcal.solver.network.expression import as_expr
 from cpcal.solver.optimize.witness import WitnessProver
+from tests.networks import network
 
 
 def test_an_element_of_an_array_does_not_ask_the_others_to_be_defined() -> None:
@@ -54,8 +55,7 @@ def test_a_row_that_overflows_accepts_no_other_row() -> None:
 
 
 def test_a_bound_that_is_not_there_asks_for_a_definition_alone() -> None:
-    net = cpcal.Network()
-    x = net.variable("x", domain=(-4, 4))
+    net, x = network(x=(-4, 4))
     both: Any = np.stack([cpcal.sqrt(x), x])
     net.add(both.within((-np.inf, np.array([np.inf, 1.0]))))
     inside, prover = Inside(net), WitnessProver(net, 0)
@@ -67,8 +67,7 @@ def test_a_bound_that_is_not_there_asks_for_a_definition_alone() -> None:
 def test_products_that_are_too_small_on_the_way_are_not_lost() -> None:
     """1e-200 * 1e-200 * 1e300 is 1e-100, not 0; so is 1e-310 * 1e300 not nothing. Both bounds hold at the point."""
     for coefficient, at in ((1e100, (1e-200, 1e-200, 1e300)), (1e-310, (1.0, 1.0, 1e300))):
-        net = cpcal.Network()
-        x = net.variable("x", 3, (np.zeros(3), 2.0 * np.array(at)))
+        net, x = network(3, x=(np.zeros(3), 2.0 * np.array(at)))
         body = coefficient * (x[0] * x[1] * x[2])
         value = cpcal.evaluate(net, body, Box(net.names, np.array(at), np.array(at)))
         net.add(body.within((float(value.lo), float(value.hi))))
@@ -80,8 +79,7 @@ def test_products_that_are_too_small_on_the_way_are_not_lost() -> None:
 
 
 def test_an_exponent_that_is_no_known_number_means_exp_and_log() -> None:
-    net = cpcal.Network()
-    x = net.variable("x", domain=(0.5, 3))
+    net, x = network(x=(0.5, 3))
     for exponent in (cpcal.Interval(1.25, 1.5), net.variable("y", domain=(1, 4)), 1.5):
         net.add(x**exponent <= 9)  # type: ignore[operator]
     for unknown in (cpcal.Interval(1.5, 2.5), np.array([2, 3]), as_expr(1.0) + 1.0):
@@ -95,8 +93,7 @@ def test_an_exponent_that_is_no_known_number_means_exp_and_log() -> None:
 
 
 def test_a_solution_of_equations_is_not_certified_and_the_answer_says_so(tmp_path: Path) -> None:
-    net = cpcal.Network()
-    x = net.variable("x", 2, domain=(-3, 3))
+    net, x = network(2, x=(-3, 3))
     net.add(x[0] ** 2 + x[1] ** 2 == 4)
     best = net.minimize(x[0] + 2 * x[1], certificate=tmp_path / "c")
     assert best.verdict is Verdict.NOT_CERTIFIED
@@ -117,8 +114,7 @@ def test_a_solution_of_equations_is_not_certified_and_the_answer_says_so(tmp_pat
     ("lowest", "degree", "why"), [(-np.inf, 2, "bounded box: give t a finite"), (-9, 9, "of degree at most 8")]
 )
 def test_what_no_certificate_can_state_is_refused_before_the_work(tmp_path, lowest, degree, why):
-    net = cpcal.Network()
-    x, t = net.variable("x", domain=(0, 2)), net.variable("t", domain=(lowest, 9))
+    net, x, t = network(x=(0, 2), t=(lowest, 9))
     net.add(x**degree <= t)
     with pytest.raises(ModelError, match=why):
         net.minimize(t, certificate=tmp_path / "c")
@@ -126,8 +122,7 @@ def test_what_no_certificate_can_state_is_refused_before_the_work(tmp_path, lowe
 
 def test_a_certificate_that_the_checker_refuses_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever is wrong with it: here an enclosure that nothing proves."""
-    net = cpcal.Network()
-    x = net.variable("x", domain=(-2, 2))
+    net, x = network(x=(-2, 2))
     net.add(x * x >= 1)
     false = {"enclosure": {"lo": ["0x1p+0"], "hi": ["0x1p+0"]}}
     monkeypatch.setattr(recording, "claims_of", lambda *args: claims_of(*args) | false)
@@ -140,8 +135,7 @@ def test_a_certificate_that_the_checker_refuses_is_not_written(tmp_path: Path, m
 
 def test_a_division_by_a_negative_power_keeps_its_solutions():
     """Multiplied out, `x^-2 / x^-4` lost its x^4: the planted networks found it (seed 10307 of 20,000)."""
-    net = cpcal.Network()
-    x = net.variable("x", domain=(2.0, 3.0))
+    net, x = network(x=(2.0, 3.0))
     net.add(x**-2 / x**-4 >= 6.25)
     best = net.minimize(x)
     assert best.verdict is Verdict.PROVED
@@ -149,8 +143,7 @@ def test_a_division_by_a_negative_power_keeps_its_solutions():
 
 
 def test_reductions_are_those_of_numpy() -> None:
-    net = cpcal.Network()
-    v = net.variable("v", (2, 3), (-2, 2))
+    net, v = network((2, 3), v=(-2, 2))
     at = np.array([[0.5, -1.25, 2.0], [1.5, 0.25, -0.75]])
     point = net.domain.with_bounds(at.ravel(), at.ravel())
     for function in (np.sum, np.mean, np.prod, np.max, np.min):

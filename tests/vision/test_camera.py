@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.vision_scenes import FACING, facing_poses, one, pose_error
+from benchmarks.vision_scenes import FACING, facing_poses, pose_error
 from cpcal.common.errors import InputError
 from cpcal.common.values import Floats, Ints
 from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
@@ -113,7 +113,7 @@ def test_the_centre_is_that_of_the_conic_through_the_contour() -> None:
     poses = facing_poses(rng, 12)
     predicted = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, poses)
     for k in range(12):
-        wanted = conic_centers(contours(DELTALAB_TARGET, DELTALAB_CAMERA, one(poses, k)))
+        wanted = conic_centers(contours(DELTALAB_TARGET, DELTALAB_CAMERA, poses.rows(k)))
         assert np.abs(predicted[k] - wanted).max() < 1e-5
 
 
@@ -176,7 +176,7 @@ def test_an_error_of_the_camera_is_in_the_covariance_and_is_no_doubt_of_the_resi
     factor = sigma[:, None] * mixed
     squares, scales, without = [], [], []
     for k in range(80):
-        true = one(poses, k)
+        true = poses.rows(k)
         centers = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, true) + 0.005 * rng.standard_normal((133, 2))
         stated = DELTALAB_CAMERA.with_numbers(DELTALAB_CAMERA.numbers + factor @ rng.standard_normal(9))
         spread = 0.005**2 * np.tile(np.eye(2), (133, 1, 1))
@@ -200,10 +200,10 @@ def test_an_error_of_the_plate_is_in_the_covariance(scale_sigma: float, dot_sigm
     squares, without, p_values = [], [], []
     for k in range(80):
         shape = (1.0 + scale_sigma * rng.standard_normal()) * plate.dots + dot_sigma * rng.standard_normal((133, 2))
-        seen = predicted_centers(replace(plate, dots=shape), DELTALAB_CAMERA, one(poses, k))
+        seen = predicted_centers(replace(plate, dots=shape), DELTALAB_CAMERA, poses.rows(k))
         spread = 0.003**2 * np.tile(np.eye(2), (133, 1, 1))
         found = estimate_pose(seen + 0.003 * rng.standard_normal((133, 2)), spread, ALL, plate, DELTALAB_CAMERA)
-        error = pose_error(one(poses, k), found)
+        error = pose_error(poses.rows(k), found)
         squares.append(error @ np.linalg.solve(found.covariance, error) / 6.0)
         own = found.covariance - found.shared_part
         without.append(error @ np.linalg.solve(own, error) / 6.0)
@@ -220,11 +220,11 @@ def test_the_stated_covariance_holds() -> None:
     squares, p_values = [], []
     for k in range(250):
         factor = rng.uniform(0.003, 0.03, (133, 1, 1)) * np.array([[1.0, 0.0], [0.6, 0.8]])
-        centers = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, one(poses, k))
+        centers = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, poses.rows(k))
         centers = centers + (factor @ rng.standard_normal((133, 2, 1)))[..., 0]
         spread = factor @ np.swapaxes(factor, 1, 2)
         found = estimate_pose(centers, spread, ALL, DELTALAB_TARGET, DELTALAB_CAMERA)
-        error = pose_error(one(poses, k), found)
+        error = pose_error(poses.rows(k), found)
         squares.append(np.linalg.solve(np.linalg.cholesky(found.covariance), error) ** 2)
         p_values.append(found.p_value)
         assert found.residuals.shape == (133, 2)
@@ -284,11 +284,11 @@ def test_a_small_distant_target_gives_the_right_pose_or_none() -> None:
     right, reasons = 0, list[str]()
     for k in range(60):
         try:
-            found = of_small(small, one(poses, k), 0.07, rng)
+            found = of_small(small, poses.rows(k), 0.07, rng)
         except NoPose as reason:
             reasons.append(str(reason))
             continue
-        error = pose_error(one(poses, k), found)
+        error = pose_error(poses.rows(k), found)
         assert error @ np.linalg.solve(found.covariance, error) < 35.0  # five in a million of six degrees of freedom
         right += 1
     assert 20 < right < 60

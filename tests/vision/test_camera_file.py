@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from cpcal.common.errors import InputError
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.plate_and_camera import CameraRecord, camera_bytes, load_camera, save_camera
+from tests.refusals import refused
 
 HALF = np.tril(np.random.default_rng(0).standard_normal((9, 9)))
 COVARIANCE = HALF @ HALF.T
@@ -32,19 +32,6 @@ by = "hand"
 """
 ROWS = "\n    ".join(f"{[4.0 if i == j else 0 for j in range(9)]}," for i in range(9))
 TOML = TOML.replace("ROWS", ROWS)
-
-
-def load(folder, text):
-    (folder / "camera.toml").write_text(text, encoding="utf-8")
-    return load_camera(folder / "camera.toml")
-
-
-def refused(folder, text):
-    """(line, what) of every problem; each has a remedy and names the file."""
-    with pytest.raises(InputError) as caught:
-        load(folder, text)
-    assert all(p.remedy and p.where == str(folder / "camera.toml") for p in caught.value.problems)
-    return [(p.line, p.what) for p in caught.value.problems]
 
 
 @pytest.mark.parametrize(
@@ -75,7 +62,7 @@ def test_what_is_saved_is_loaded_and_saved_again_byte_for_byte(tmp_path, record)
 
 def test_every_problem_is_said_at_once_with_its_line(tmp_path):
     text = TOML.replace("1024", "1024.5").replace("903.2", "inf").replace("4e-4, ", "").replace("rms", "rsm")
-    assert refused(tmp_path, text) == [
+    assert refused(load_camera, tmp_path / "camera.toml", text) == [
         (11, "unknown key 'rsm' in [calibration]"),
         (4, "width is 1024.5"),
         (6, "focal holds inf"),
@@ -100,4 +87,4 @@ def test_every_problem_is_said_at_once_with_its_line(tmp_path):
     ],
 )
 def test_each_problem_has_its_line(tmp_path, old, new, problems):
-    assert refused(tmp_path, TOML.replace(old, new, 1)) == problems
+    assert refused(load_camera, tmp_path / "camera.toml", TOML.replace(old, new, 1)) == problems

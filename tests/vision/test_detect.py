@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info
 
-from benchmarks.vision_scenes import degenerate_images, facing_poses, one, pose_error
+from benchmarks.vision_scenes import degenerate_images, facing_poses, pose_error
 from cpcal.common.errors import InputError
 from cpcal.robot import Pose, quaternion_conjugate, quaternion_product, rotation_vector
 from cpcal.simulate import simulate_study
@@ -161,9 +161,9 @@ def test_poses_at_the_nominal_setting() -> None:
     """At most 0.01 mm and 0.003 degrees rms per axis (issue 6), and the stated covariances hold."""
     poses, errors, squares = facing_poses(np.random.default_rng(7), 8, depth=(700.0, 700.0)), [], []
     for k in range(8):
-        image = render(DELTALAB_TARGET, DELTALAB_CAMERA, one(poses, k), seed=k)
+        image = render(DELTALAB_TARGET, DELTALAB_CAMERA, poses.rows(k), seed=k)
         found = measure_pose(image, DELTALAB_TARGET, DELTALAB_CAMERA)
-        errors.append(pose_error(one(poses, k), found.estimate))
+        errors.append(pose_error(poses.rows(k), found.estimate))
         squares.append(errors[-1] @ np.linalg.solve(found.estimate.covariance, errors[-1]) / 6.0)
     rms = np.sqrt(np.square(errors).mean(axis=0))
     assert max(rms[:3]) < 0.01
@@ -190,7 +190,7 @@ def test_there_is_a_reason_for_every_image_without_a_target() -> None:
 
 
 def test_a_wrong_camera_shows_in_the_residuals() -> None:
-    pose = one(facing_poses(np.random.default_rng(2), 1, depth=(700.0, 700.0)), 0)
+    pose = facing_poses(np.random.default_rng(2), 1, depth=(700.0, 700.0)).rows(0)
     image = render(DELTALAB_TARGET, DELTALAB_CAMERA, pose)
     off = Camera(1024, 768, DELTALAB_CAMERA.focal, DELTALAB_CAMERA.center, DELTALAB_CAMERA.distortion * 0.5)
     with pytest.raises(NotMeasured, match="the camera or the target is not as stated"):

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from benchmarks.vision_scenes import DotErrors, errors, facing_poses, one, true_centers
+from benchmarks.vision_scenes import DotErrors, errors, facing_poses, true_centers
 from cpcal.common.errors import InputError
 from cpcal.robot import Pose, quaternion_from_rotation_vector
 from cpcal.vision.camera import DELTALAB_CAMERA
@@ -38,7 +38,7 @@ def test_errors_are_a_hundredth_of_a_pixel_and_as_stated():
     for seed in range(5):
         rng = np.random.default_rng(seed)
         scene = Scene(rng.uniform(0.5, 1.2), rng.uniform(1.0, 4.0), gradient=tuple(rng.uniform(-0.4, 0.4, 2)))
-        found.append(errors(DELTALAB_TARGET, DELTALAB_CAMERA, one(facing_poses(rng, 1), 0), scene, seed))
+        found.append(errors(DELTALAB_TARGET, DELTALAB_CAMERA, facing_poses(rng, 1).rows(0), scene, seed))
     pixels, _ = collected(found)
     assert (rms(pixels) < 0.01).all()
     bound = float(np.sqrt((np.concatenate([e.bound for e in found]) ** 2).mean()))
@@ -50,7 +50,7 @@ def test_errors_are_a_hundredth_of_a_pixel_and_as_stated():
 @pytest.mark.parametrize(("blur", "noise"), [(0.5, 4.0), (1.2, 1.0)])
 def test_stated_errors_are_calibrated_at_each_condition(blur, noise):
     scene = Scene(blur, noise, gradient=(0.4, -0.4))
-    poses = [one(facing_poses(np.random.default_rng(100 + seed), 1), 0) for seed in range(3)]
+    poses = [facing_poses(np.random.default_rng(100 + seed), 1).rows(0) for seed in range(3)]
     found = [errors(DELTALAB_TARGET, DELTALAB_CAMERA, pose, scene, seed) for seed, pose in enumerate(poses)]
     pixels, normalised = collected(found)
     assert ((rms(normalised) > 0.85) & (rms(normalised) < 1.15)).all()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.vision_scenes import facing_poses, found_dots, identified, one, spoiled
+from benchmarks.vision_scenes import facing_poses, found_dots, identified, spoiled
 from cpcal.common.values import Floats, Ints
 from cpcal.robot import Pose
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
@@ -33,7 +33,7 @@ def lists(target: Target, count: int, seed: int, kind: str = "none", noise: floa
     scale = np.abs(target.dots).max() / np.abs(DELTALAB_TARGET.dots).max()
     poses.position[:, :] *= scale  # a small target is held nearer
     return [
-        found_dots(rng, target, DELTALAB_CAMERA, one(poses, k), noise=noise, **spoiled(rng, kind)) for k in range(count)
+        found_dots(rng, target, DELTALAB_CAMERA, poses.rows(k), noise=noise, **spoiled(rng, kind)) for k in range(count)
     ]
 
 
@@ -58,7 +58,7 @@ def test_the_lens_may_be_unknown() -> None:
     for camera in (DELTALAB_CAMERA, strong):
         poses = facing_poses(rng, 2)
         for k in range(2):
-            centers, labels = found_dots(rng, DELTALAB_TARGET, camera, one(poses, k), false=3)
+            centers, labels = found_dots(rng, DELTALAB_TARGET, camera, poses.rows(k), false=3)
             found = checked(centers, labels, DELTALAB_TARGET, None)
             assert len(found.found) > 0.9 * (labels >= 0).sum()
 
@@ -79,7 +79,7 @@ def test_a_target_that_turns_into_itself_needs_a_hint() -> None:
     even = two_diagonals("even", row, row, 110.0, 20.0, 4.0)
     rng = np.random.default_rng(6)
     for _ in range(3):
-        pose = one(facing_poses(rng, 1, depth=(300.0, 350.0)), 0)
+        pose = facing_poses(rng, 1, depth=(300.0, 350.0)).rows(0)
         centers, labels = found_dots(rng, even, DELTALAB_CAMERA, pose, noise=0.02)
         found = identify(centers, even, DELTALAB_CAMERA)
         with pytest.raises(Unidentified, match="ambiguous: the target looks the same when it is turned"):
@@ -117,7 +117,7 @@ def test_ten_errors_made_to_look_like_a_turn_do_not_mislead() -> None:
             spoilt = np.concatenate([dots[numbers], only_turned[:count]])
             try:
                 centers = centers_by_pose(
-                    spoilt, DELTALAB_TARGET.radius, DELTALAB_CAMERA.packed, one(poses, count % 3)
+                    spoilt, DELTALAB_TARGET.radius, DELTALAB_CAMERA.packed, poses.rows(count % 3)
                 )[0]
                 found = identify(centers, DELTALAB_TARGET, DELTALAB_CAMERA)
             except Unidentified:
@@ -133,7 +133,7 @@ def test_in_partial_views_no_ten_errors_exchange_two_ways_to_lay_the_target():
     rng = np.random.default_rng(24)
     accepted = refused = 0
     for k in range(12):
-        pose = one(facing_poses(rng, 1, depth=(560.0, 680.0)), 0)
+        pose = facing_poses(rng, 1, depth=(560.0, 680.0)).rows(0)
         aside = type(pose)(pose.position + [*rng.uniform(-320.0, 320.0, 2), 0.0], pose.quaternion)
         centers, labels = found_dots(rng, DELTALAB_TARGET, DELTALAB_CAMERA, aside, noise=0.02, missing=k % 3)
         try:
@@ -169,6 +169,6 @@ def test_dots_of_something_else_are_refused() -> None:
     grid = Target("grid", np.delete(DELTALAB_TARGET.dots, rows, axis=0), DELTALAB_TARGET.radius)
     full = np.stack(np.meshgrid(np.arange(12.0), np.arange(11.0)), axis=-1).reshape(-1, 2)
     regular = Target("regular", 30.0 * (full - 5.5), 6.0)
-    pose = one(facing_poses(rng, 1), 0)
+    pose = facing_poses(rng, 1).rows(0)
     for other in (grid, regular, SMALL):
         reason(predicted_centers(other, DELTALAB_CAMERA, pose))

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.vision_scenes import facing_poses, one
+from benchmarks.vision_scenes import facing_poses
 from cpcal.solver.compiled import plain
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dots.segmentation import ellipses
@@ -19,7 +19,7 @@ DOTS, RADIUS = DELTALAB_TARGET.dots.copy(), DELTALAB_TARGET.radius  # writable, 
 
 @pytest.mark.parametrize("camera", [DELTALAB_CAMERA, RATIONAL, FISHEYE])
 def test_the_plain_python_of_a_kernel_says_the_same(camera):
-    pose = one(facing_poses(np.random.default_rng(1), 1), 0)
+    pose = facing_poses(np.random.default_rng(1), 1).rows(0)
     answers = []
     for run in (placed_centers, plain(placed_centers)):
         answers.append((np.empty((1, len(DOTS), 2)), np.empty((1, len(DOTS), 2, 6))))
@@ -31,7 +31,7 @@ def test_the_plain_python_of_a_kernel_says_the_same(camera):
 @pytest.mark.parametrize("camera", [DELTALAB_CAMERA, FISHEYE])
 def test_a_fit_ends_where_the_gradient_vanishes(camera):
     rng = np.random.default_rng(2)
-    pose = one(facing_poses(rng, 1), 0)
+    pose = facing_poses(rng, 1).rows(0)
     seen = centers_by_pose(DOTS, RADIUS, camera.packed, pose)[0] + 0.01 * rng.standard_normal((len(DOTS), 2))
     factors = np.tile(0.01 * np.eye(2), (len(DOTS), 1, 1))
     away = type(pose)(pose.position + [20.0, -10.0, 30.0], pose.quaternion)

@@ -10,6 +10,7 @@ from cpcal.vision.files.plate_and_camera import load_target, save_target
 from cpcal.vision.files.target_print import dark_squares
 from cpcal.vision.opencv import opencv
 from cpcal.vision.target import DELTALAB_TARGET, Board, Target, target_from
+from tests.refusals import refused
 
 ROW = np.array([[0.0, 0.0], [10.0, 10.0], [30.0, 30.0], [45.0, 45.0], [0.0, 20.0]])
 
@@ -86,19 +87,6 @@ printed = "by hand"
 """
 
 
-def load(folder, text):
-    (folder / "target.toml").write_text(text, encoding="utf-8")
-    return load_target(folder / "target.toml")
-
-
-def refused(folder, text):
-    """(line, what) of every problem; each has a remedy and names the file."""
-    with pytest.raises(InputError) as caught:
-        load(folder, text)
-    assert all(p.remedy and p.where == str(folder / "target.toml") for p in caught.value.problems)
-    return [(p.line, p.what) for p in caught.value.problems]
-
-
 @pytest.mark.parametrize(
     "target",
     [
@@ -131,13 +119,13 @@ def test_what_is_saved_is_loaded_and_saved_again_byte_for_byte(tmp_path, target)
     ],
 )
 def test_deviations_that_cannot_be_are_refused_at_their_line(tmp_path, line, what):
-    assert refused(tmp_path, TOML.replace("radius", f"{line}\nradius")) == [(6, what)]
+    assert refused(load_target, tmp_path / "target.toml", TOML.replace("radius", f"{line}\nradius")) == [(6, what)]
 
 
 def test_every_problem_is_said_at_once_with_its_line(tmp_path):
     text = TOML.replace('"five"', "5").replace("false", '"no"').replace("2.5", "-2.5")
     text = text.replace("[10, 10]", "[10, nan]").replace("[30, 30.0]", "[30]").replace("printed", "[unknown]\nprinted")
-    assert refused(tmp_path, text) == [
+    assert refused(load_target, tmp_path / "target.toml", text) == [
         (16, "unknown key 'unknown'"),
         (4, "name is 5, not text"),
         (6, "radius is -2.5"),
@@ -161,4 +149,4 @@ def test_every_problem_is_said_at_once_with_its_line(tmp_path):
     ],
 )
 def test_each_problem_has_its_line(tmp_path, old, new, problems):
-    assert refused(tmp_path, TOML.replace(old, new, 1)) == problems
+    assert refused(load_target, tmp_path / "target.toml", TOML.replace(old, new, 1)) == problems

@@ -22,15 +22,6 @@ TARGETS = [DELTALAB_TARGET, SMALL]
 NUMBER = r"(-?[\d.]+)"
 
 
-def relative(dots):
-    """Dots (n, 2) as drawn with y down: from their mean, y up."""
-    return (dots - dots.mean(axis=0)) * [1.0, -1.0]
-
-
-def expected(target):
-    return target.dots - target.dots.mean(axis=0)
-
-
 def pdf_paths(target):
     """The page's size (mm), and each path in its only stream as (n, 2) mm from the upper left corner, y down."""
     content = page_bytes(target, "pdf")
@@ -60,7 +51,8 @@ def test_the_pdf_has_every_dot_at_its_place_and_a_bar_of_100_mm(target):
     np.testing.assert_allclose(size, sheet(target).size, atol=1e-6)
     circles = [path for path in paths if len(path) == 9]  # eight arcs
     low, high = (np.array([extent(path, axis=0) for path in circles]) for extent in (np.min, np.max))
-    np.testing.assert_allclose(relative(0.5 * (low + high)), expected(target), atol=2e-6)
+    drawn, dots = 0.5 * (low + high) * [1.0, -1.0], target.dots  # drawn with y down
+    np.testing.assert_allclose(drawn - drawn.mean(axis=0), dots - dots.mean(axis=0), atol=2e-6)
     np.testing.assert_allclose(0.5 * (high - low), target.radius, atol=2e-6)
     lines = [path for path in paths if len(path) == 2]
     assert max(np.ptp(line[:, 0]) for line in lines) == pytest.approx(100.0, abs=2e-6)

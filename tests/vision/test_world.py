@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
 
-from benchmarks.vision_scenes import FACING, facing_poses, one, true_centers
+from benchmarks.vision_scenes import FACING, facing_poses, true_centers
 from benchmarks.vision_world import CONDITIONS, World, measured, photograph
 from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.batch.detect import SCALE, detection
@@ -52,7 +52,7 @@ def test_nothing_is_doubted_where_all_is_as_stated():
 
 def test_two_renderers_and_two_models_of_a_dots_centre_agree():
     rng = np.random.default_rng(3)
-    pose = one(facing_poses(rng, 1, depth=(600.0, 600.0)), 0)
+    pose = facing_poses(rng, 1, depth=(600.0, 600.0)).rows(0)
     centers = true_centers(DELTALAB_TARGET, DELTALAB_CAMERA, pose)
     np.testing.assert_allclose(centers, predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, pose), atol=2e-4)
     image = photograph(DELTALAB_TARGET, DELTALAB_CAMERA, pose, World(noise=0.0), rng)

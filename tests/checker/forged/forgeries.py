@@ -44,10 +44,6 @@ def moved(text: str, towards: float, ulps: int = 1) -> str:
     return value.hex()
 
 
-def negated(text: str) -> str:
-    return (-valued(text)).hex()
-
-
 UP, DOWN = math.inf, -math.inf
 WEIGHTS = ("bounds", 0, 3)
 ROW = ("rows", "first")  # the row of the step that the first bound has the first weight on
@@ -114,7 +110,7 @@ place("enclosure beside the box", "claims", "enclosure", "lo", 1, value="0x1p+99
 place("point elsewhere in the box", "claims", "point", "at", 0, value=lambda t: (valued(t) + 9e-4).hex())
 place("point far away", "claims", "point", "at", 0, value="0x1p+20")
 place("point with less eps", "claims", "point", "at", -1, value=lambda t: (0.9 * valued(t)).hex())
-place("point with negative eps", "claims", "point", "at", -1, value=negated)
+place("point with negative eps", "claims", "point", "at", -1, value=lambda t: (-valued(t)).hex())
 place("point holds some", "claims", "point", "holds", value="some")
 place("eps_hi by a point judged by one", "claims", "point", "holds", value=[0])
 place("eps_hi by a point judged by none", "claims", "point", "holds", value=[])
@@ -227,25 +223,15 @@ def looser(term: list[Any], towards: float) -> None:
     term[1] = moved(term[1], towards)
 
 
-def without_point(lines: Lines, proof: Any) -> None:
+def without_point(lines: Lines, proof: Any) -> Lines:
     lines[proof.head]["point"] = lines[proof.head]["epsilon"]["hi"] = None
-
-
-def another_leg(lines: Lines, proof: Any) -> None:
-    lines[0]["leg"] = 2
-    without_point(lines, proof)
+    return lines
 
 
 def former(lines: Lines, proof: Any) -> None:
     old = lines[proof.head]
     new = {"cap": old["cap"], "eps_lo": old["epsilon"]["lo"], "enclosure": old["enclosure"], "eps_hi": old["cap"]}
     lines[proof.head] = new
-
-
-def square_for_a_root(lines: Lines, proof: Any) -> None:
-    """Of one constraint only, and without the point, which sees it first."""
-    without_point(lines, proof)
-    used(lines, proof, "lower")["root"] = False
 
 
 def no_objective(lines: Lines, proof: Any, *also: str) -> None:
@@ -282,10 +268,6 @@ def point_judged(lines: Lines, proof: Any, eps: float, judged: Callable[[list[An
     lines[proof.head]["epsilon"]["hi"] = None
     point = {"at": [v.hex() for v in x], "holds": [], "readings": None, "factor": None, "fails": []}
     lines[proof.head]["point"] = point | judged(rows)
-
-
-def holds_where_it_fails(rows: list[Any]) -> dict[str, Any]:
-    return {"holds": [next(k for k, row in enumerate(rows) if row)]}
 
 
 def fails_where_it_holds(rows: list[Any]) -> dict[str, Any]:
@@ -334,7 +316,10 @@ of_network: Changes = {
     "a bound one ulp looser": ("pass", lambda a, p: looser(used(a, p, "upper")["at_most"][0], UP)),
     "an upper bound dropped": ("pass", lambda a, p: used(a, p, "upper").update(at_most=None)),
     "a lower bound dropped": ("pass", lambda a, p: used(a, p, "lower").update(at_least=None)),
-    "a square for a root": ("exclude", square_for_a_root),
+    "a square for a root": (  # of one constraint only, and without the point, which sees it first
+        "exclude",
+        lambda a, p: used(without_point(a, p), p, "lower").update(root=False),
+    ),
 }
 of_a_leg: Changes = {
     "a weight on a measurement left out": ("exclude", weight_left_out),
@@ -343,7 +328,7 @@ of_a_leg: Changes = {
     "a measurement left out refutes the point": (
         "claims", lambda a, p: judged_by_one_left_out(
             a, p, at=["0x1p+20"] * 8, holds=[], fails=[["upper", a[0]["measurements"] - 1]])),
-    "rows of another leg without a point": ("exclude", another_leg),
+    "rows of another leg without a point": ("exclude", lambda a, p: without_point(a, p)[0].update(leg=2)),
 }  # fmt: skip
 of_gain: Changes = {
     "the header of version 3": ("header", lambda a, p: (a[0].update(format="cpcal-certificate/3"), a[0].pop("model"))),
@@ -371,7 +356,9 @@ of_gain |= {
         "claims", lambda a, p: for_all_readings(a, p, readings=["0" * 7] * p.problem.count)),
 }  # fmt: skip
 of_both: Changes = {
-    "the point holds where it fails": ("claims", lambda a, p: point_judged(a, p, 0.0, holds_where_it_fails)),
+    "the point holds where it fails": (
+        "claims", lambda a, p: point_judged(
+            a, p, 0.0, lambda rows: {"holds": [next(k for k, row in enumerate(rows) if row)]})),
     "the point fails where it holds": ("claims", lambda a, p: point_judged(a, p, p.eps_hi / 2, fails_where_it_holds)),
     "the point fails twice at one measurement": ("claims", lambda a, p: point_judged(a, p, p.eps_hi / 2, fails_twice)),
     "the point judged by all but one": (

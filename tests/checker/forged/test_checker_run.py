@@ -292,10 +292,6 @@ def least(claims: Data, run: Path) -> None:
     claims["epsilon"]["lo"] = "0x1p-30"
 
 
-def at_the_lower_bound(claims: Data, run: Path) -> None:
-    claims["cap"] = claims["epsilon"]["lo"]
-
-
 def at_point(**changes: Any) -> Callable[[Data, Path], None]:
     """Of the claimed point."""
 
@@ -321,7 +317,8 @@ def own_box(run: Path) -> Data:
 RECOMMENDED, PASSES, REDUCED = (f"leg1.{what}.cert.jsonl" for what in ("recommended", "passes", "reduced"))
 BRACKET, RANGES = "leg1.cert.jsonl", "ranges-leg1.cert.jsonl"
 TRUE: dict[str, tuple[str, Callable[[Data, Path], object], str]] = {
-    "the enclosure of fewer": (BRACKET, at_the_lower_bound, "eps up to which the enclosure holds"),
+    "the enclosure of fewer": (BRACKET, lambda c, run: c.update(cap=c["epsilon"]["lo"]),
+        "eps up to which the enclosure holds"),
     "a wider enclosure": (BRACKET, wider, "enclosure"),
     "a smaller lower bound": (BRACKET, least, "eps_lo"),
     "no point": (BRACKET, lambda c, run: c.update(point=None) or c["epsilon"].update(hi=None),

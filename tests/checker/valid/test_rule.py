@@ -151,7 +151,7 @@ def test_a_point_that_holds_has_a_reading(model: str) -> None:
             assert holds == (near and 0 <= x[-1] <= m.length + x[6])
         if not holds:
             return
-        long = end_of(m, signs)
+        long = [r * {"-": -1, "0": 0, "+": 1}[sign] for r, sign in zip(m.radii, signs, strict=True)]
 
         def over(place: F) -> F:
             return apart(m, model, x, [place * c for c in long]) - x[-1]
@@ -168,10 +168,6 @@ def test_a_point_that_holds_has_a_reading(model: str) -> None:
         if len(outcomes) == 2:
             break
     assert outcomes == {True, False}
-
-
-def end_of(m: Exact, signs: str) -> Vector:
-    return [r * {"-": -1, "0": 0, "+": 1}[sign] for r, sign in zip(m.radii, signs, strict=True)]
 
 
 Held = tuple[Exact, Problem, Unknowns, Vector]

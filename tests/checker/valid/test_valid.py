@@ -31,6 +31,7 @@ from cpcal.solver.optimize.bound import minimize, run
 from cpcal.solver.search import Decision, Event, EventKind, Node
 from tests.checker.proofs import all_readings
 from tests.checker.valid.exact_legs import in_fractions
+from tests.networks import network
 
 SMALL: dict[str, Any] = {"ask": {"delta": 2.0}, "extremal": False, "random_poses": 16, "joint_error": 10.0}
 
@@ -205,8 +206,7 @@ def test_a_point_for_all_readings_has_the_values_of_its_forms(uncertain_proof: A
 
 
 def problem() -> cpcal.Network:
-    net = cpcal.Network()
-    x, eps = net.variable("x", domain=(-4, 4)), net.variable("eps", domain=(0, 8))
+    net, x, eps = network(x=(-4, 4), eps=(0, 8))
     net.add([x * x <= 1 + eps])
     return net
 
@@ -237,8 +237,7 @@ def test_steps_that_are_too_large_for_the_checker_are_left_out(tmp_path: Path, m
     """The search goes on without them, and what is written is accepted by a checker with these limits."""
     for most, least in ((500_000, 2.9), (3, 0.0)):
         monkeypatch.setattr("cpcal.checker.polynomial.MOST_HELD", most)
-        net = cpcal.Network()
-        x, eps = net.variable("x", domain=(-1, 1)), net.variable("eps", domain=(0, 8))
+        net, x, eps = network(x=(-1, 1), eps=(0, 8))
         net.add([x * x >= 4 - eps])
         found = net.minimize(eps, limits=cpcal.Limits(nodes=1), certificate=tmp_path / "c.jsonl")
         claims = check(tmp_path / "c.jsonl").claims

@@ -12,6 +12,7 @@ from cpcal.solver.existence.operators import inside, newton_image
 from cpcal.solver.existence.unique import ReadingConstraint
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, Expr, norm, sqr, sqrt
+from tests.networks import network
 
 
 @settings(max_examples=60, deadline=None)
@@ -22,8 +23,7 @@ def test_every_point_of_a_proved_box_is_a_solution(seed: int) -> None:
     beacons, radius = rng.uniform(-5, 5, (4, 2)), float(rng.choice([0.0, 0.5]))
     truth = rng.uniform(-1, 1, 2)
     read = np.linalg.norm(beacons - truth, axis=1) + rng.uniform(-0.3, 0.3, 4)
-    net = ConstraintNetwork()
-    p = net.variable("p", 2, (-2, 2))
+    net, p = network(2, p=(-2, 2))
     eps = float(rng.uniform(0, 1))
     net.add((norm(beacons - p) - net.reading(read, np.full(4, radius))).within((-eps, eps)))
     middle, reach = truth + rng.uniform(-0.3, 0.3, 2), 10.0 ** rng.uniform(-4, 0)
@@ -40,8 +40,7 @@ def test_every_point_of_a_proved_box_is_a_solution(seed: int) -> None:
 
 
 def test_what_is_not_proved_to_be_inside() -> None:
-    net = ConstraintNetwork()
-    x = net.variable("x", 2, (-2, 2))
+    net, x = network(2, x=(-2, 2))
     net.add([sqr(x[0]) <= 1, sqrt(x[1]) <= 1])
     inside = Inside(net)
     assert inside(Box(net.names, [-0.9, 0.0], [0.9, 0.5]))
@@ -90,8 +89,7 @@ def test_the_known_solution_of_a_random_system_is_in_the_box(seed: int) -> None:
     n = int(rng.integers(1, 5))
     solution = rng.integers(-8, 9, n) / 4.0
     a, b = rng.integers(-4, 5, (2, n, n)) / 2.0
-    net = ConstraintNetwork()
-    x = net.variable("x", n, (-10, 10))
+    net, x = network(n, x=(-10, 10))
     net.add(a @ x + b @ sqr(x) == a @ solution + b @ solution**2)
     reach = 10.0 ** rng.uniform(-8, 0)
     near = Box(net.names, solution - reach * rng.random(n), solution + reach * rng.random(n))
@@ -114,8 +112,7 @@ def test_a_region_holds_exactly_one_of_all_the_known_zeros(seed: int) -> None:
     roots = rng.integers(-8, 9, (n, 3)) / 4.0
     roots[:, 1] = np.where(rng.random(n) < 0.5, roots[:, 0] + 2.0 ** -rng.integers(1, 30, n), roots[:, 1])
     mixing = np.eye(n) + rng.integers(-1, 2, (n, n)) / 4.0
-    net = ConstraintNetwork()
-    x = net.variable("x", n, (-10, 10))
+    net, x = network(n, x=(-10, 10))
     cubic = (x - roots[:, 0]) * (x - roots[:, 1]) * (x - roots[:, 2])
     net.add(mixing @ cubic == 0)
     middle = roots[np.arange(n), rng.integers(0, 3, n)] + rng.uniform(-1, 1, n) * 10.0 ** -rng.uniform(0, 9)
@@ -132,8 +129,7 @@ def test_a_region_holds_exactly_one_of_all_the_known_zeros(seed: int) -> None:
 
 
 def refused(build: Callable[[ConstraintNetwork, Expr, Expr], object], at: tuple[float, float]) -> None:
-    net = ConstraintNetwork()
-    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
+    net, x, y = network(x=(-2, 2), y=(-2, 2))
     build(net, x, y)
     assert prove_unique(net, at) is None
 
@@ -187,8 +183,7 @@ def test_no_zero_of_a_linearised_system_is_lost() -> None:
 
 @pytest.mark.parametrize("operation", [lambda x: x**1.5, lambda x: 1 / x, lambda x: np.arctan2(x, x - 1)])
 def test_nothing_is_linear_where_an_operation_is_not_continuous(operation: Callable[[Expr], Expr]) -> None:
-    net = ConstraintNetwork()
-    x = net.variable("x", (), (-2, 2))
+    net, x = network(x=(-2, 2))
     net.add(x + operation(x) == -0.1)
     box = Box(net.names, np.array([-0.2]), np.array([0.2]))
     at = np.array([0.005])

@@ -13,11 +13,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import cpcal
 from cpcal.common.errors import ModelError, RoundingError
 from cpcal.solver.contract import Contraction
 from cpcal.solver.interval import Box, Interval, IntervalArray, kernels
 from cpcal.solver.interval.kernels import check_rounding
+from tests.networks import network
 
 MAX = 1.7976931348623157e308
 
@@ -59,8 +59,7 @@ def rounding() -> Iterator[ctypes.CDLL]:
 @pytest.mark.parametrize("mode", MODES)  # downward, upward, towards zero
 def test_where_another_library_has_changed_the_rounding_no_bound_is_computed(mode: int, rounding: ctypes.CDLL) -> None:
     check_rounding()
-    net = cpcal.Network()
-    x = net.variable("x", domain=(0.0, 2.0))
+    net, x = network(x=(0.0, 2.0))
     net.add(x * x == 2.0)
     rounding.fesetround(mode)
     with pytest.raises(RoundingError, match="process of its own"):
@@ -81,8 +80,7 @@ def environment() -> Iterator[ctypes.Array[ctypes.c_uint32]]:
 @pytest.mark.parametrize("bit", [0x8000, 0x40])  # small results are zero; small operands are
 def test_where_a_library_has_switched_small_numbers_off_no_bound_is_computed(bit, environment):
     """Compiled with -ffast-math, it does so when it is loaded: x = 1 was lost, and "no solution" called proved."""
-    net = cpcal.Network()
-    x = net.variable("x", domain=(0.5, 2.0))
+    net, x = network(x=(0.5, 2.0))
     net.add((1e-160 * x * 1e-155).within((5e-316, 1.5e-315)))
     environment[7] |= bit
     ctypes.CDLL(None).fesetenv(environment)
@@ -99,8 +97,7 @@ def test_a_plug_in_that_changes_it_ends_the_search(rounding: ctypes.CDLL) -> Non
             rounding.fesetround(MODES[1])
             return Contraction(box)
 
-    net = cpcal.Network()
-    x = net.variable("x", domain=(0.0, 2.0))
+    net, x = network(x=(0.0, 2.0))
     net.add(x * x == 2.0)
     with pytest.raises(RoundingError, match="has changed how the processor rounds"):
         net.solve(contractors=[Switching(), "hc4"])

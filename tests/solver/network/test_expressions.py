@@ -20,6 +20,7 @@ from cpcal.solver.interval import Interval, IntervalArray
 from cpcal.solver.interval.box import component_names
 from cpcal.solver.network import ConstraintNetwork, Expr, norm
 from cpcal.solver.network.expression import as_expr
+from tests.networks import network
 
 
 @pytest.fixture
@@ -115,16 +116,14 @@ BOTH = ["hc4", "newton"]
 
 def test_a_transcendental_system_is_solved_and_counted() -> None:
     """Kepler's equation, and all crossings of a sine with a line: sin x = x / 10 has seven solutions."""
-    net = Network()
-    e = net.variable("e", domain=(0, 2 * math.pi))
+    net, e = network(e=(0, 2 * math.pi))
     net.add(e - 0.9 * np.sin(e) == 1.5)
     (only,) = net.solve(contractors=BOTH).solutions
     assert only.verdict is Verdict.PROVED
     found = only[e]
     assert isinstance(found, Interval)
     assert abs(found.mid - 0.9 * math.sin(found.mid) - 1.5) < 1e-12
-    net = Network()
-    x = net.variable("x", domain=(-20, 20))
+    net, x = network(x=(-20, 20))
     net.add(cpcal.sin(x) == x / 10)
     paving = net.solve(contractors=BOTH)
     assert [s.verdict for s in paving.solutions] == [Verdict.PROVED] * 7
@@ -134,8 +133,7 @@ def test_a_transcendental_system_is_solved_and_counted() -> None:
 @pytest.mark.parametrize("make", [cpcal.log, cpcal.sqrt, lambda x: x**1.5, lambda x: cpcal.asin(1 - x)])
 def test_no_proof_rests_on_a_domain_that_was_cut_off(make) -> None:
     """The only zero, x = -1e-9, lies just outside of where the function is defined."""
-    net = Network()
-    x = net.variable("x", domain=(-1, 1))
+    net, x = network(x=(-1, 1))
     net.add(x * 3 + make(x) - make(x) == -3e-9)
     for at in (-1e-9, 1e-9):
         assert prove_unique(net, (at,)) is None
@@ -223,8 +221,7 @@ def test_no_door_keeps_its_callers_array(door: str) -> None:
 
 
 def test_the_data_of_an_expression_cannot_be_written() -> None:
-    net = Network()
-    x = net.variable("x", 2, (-5, 5))
+    net, x = network(2, x=(-5, 5))
     for node in (as_expr(np.ones(2)), net.reading([0.0, 1.0], 0.1), x[[1, 0]]):
         arrays = (node.data.lo, node.data.hi, node.places)
         for again in (node, pickle.loads(pickle.dumps(node)), copy.deepcopy(node), copy.copy(node)):
@@ -301,8 +298,7 @@ def test_a_reading_that_comes_back_from_pickle_is_the_same_number() -> None:
 
 
 def test_long_expressions_go_through_pickle_and_copy() -> None:
-    net = Network()
-    x = net.variable("x", domain=(-2, 2))
+    net, x = network(x=(-2, 2))
     total = x
     for k in range(1, 1200):  # deeper than Python's own stack
         total = total + k * x

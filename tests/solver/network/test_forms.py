@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 
 from contractors import Lifted, lifted
 from cpcal.common.values import Floats
-from cpcal.solver.contract import Contractor
 from cpcal.solver.interval import Box, Interval, IntervalArray
 from cpcal.solver.network import CentredForm, ConstraintNetwork, Expr, Tape, evaluate, maximum, minimum, norm, sqr, sqrt
 from cpcal.solver.network.network import restricted
 from cpcal.solver.network.rows import Extremes, Rows
 from cpcal.solver.network.sweeps import total_slopes
 from cpcal.solver.testing import CONFORMANCE
+from tests.networks import network
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -131,8 +131,7 @@ ACROSS: dict[str, Callable[[Expr], Expr]] = {  # poles whose derivatives have on
 def test_derivatives_across_a_pole_hold_every_secant_whatever_stands_beside_it(name: str) -> None:
     """Row by row: the first has a pole in its box, the second has none."""
     rng = np.random.default_rng(7)
-    net = ConstraintNetwork()
-    x = net.variable("x", (2, 2), (np.array([[-1.0, -1.0], [0.5, -1.0]]), np.array([[1.0, 1.0], [2.0, 1.0]])))
+    net, x = network((2, 2), x=(np.array([[-1.0, -1.0], [0.5, -1.0]]), np.array([[1.0, 1.0], [2.0, 1.0]])))
     form = CentredForm(net, ACROSS[name](x))
     matrix = form.jacobian(net.domain)
     assert np.isfinite(matrix.lo[1]).all()
@@ -147,17 +146,6 @@ def test_derivatives_across_a_pole_hold_every_secant_whatever_stands_beside_it(n
 
 
 # known values ---------------------------------------------------------------------------------------------
-
-
-def frugal(network: ConstraintNetwork, **options: Any) -> Contractor:
-    return Lifted(network, **options)
-
-
-def few_rows(monkeypatch: pytest.MonkeyPatch, telling: int) -> None:
-    monkeypatch.setattr(lifted, "_MANY", 0)
-    monkeypatch.setattr(lifted, "_MANY_EACH", 0)
-    monkeypatch.setattr(lifted, "_TELLING", telling)
-    monkeypatch.setattr(lifted, "_ENCLOSING", telling)
 
 
 N = 6
@@ -214,8 +202,7 @@ def natural(net: ConstraintNetwork, expr: Expr, box: IntervalArray) -> IntervalA
 
 
 def test_telling_elements_are_the_worst_and_some_of_everywhere() -> None:
-    net = ConstraintNetwork()
-    x = net.variable("x", (), (-1, 1))
+    net, x = network(x=(-1, 1))
     values = np.random.default_rng(3).normal(size=1000)
     net.add((x + values).within((-0.5, 0.5)))
     (chosen,) = Rows(net).telling(np.zeros(1), 20)
@@ -227,5 +214,6 @@ def test_telling_elements_are_the_worst_and_some_of_everywhere() -> None:
 @pytest.mark.parametrize("telling", [1, 3])
 @pytest.mark.parametrize("check", ["keeps_solutions", "leaves_a_part", "is_repeatable"])
 def test_lifted_on_few_telling_rows_conforms(check: str, telling: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    few_rows(monkeypatch, telling)
-    CONFORMANCE[check](frugal)
+    for name, value in (("_MANY", 0), ("_MANY_EACH", 0), ("_TELLING", telling), ("_ENCLOSING", telling)):
+        monkeypatch.setattr(lifted, name, value)
+    CONFORMANCE[check](Lifted)

@@ -24,6 +24,7 @@ from cpcal.solver.network import (
 )
 from cpcal.solver.network import coefficient as coef
 from cpcal.solver.network.rows import DecisiveReadings
+from tests.networks import network
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -110,8 +111,7 @@ def test_no_row_excludes_a_solution_with_the_readings_that_decide(seed: int) -> 
 def test_a_reading_that_several_rows_share_is_not_fixed_for_one_of_them(seed: int) -> None:
     """Readings that solve all rows still do when they are moved into the sets that are said to decide."""
     rng = np.random.default_rng(seed)
-    net = ConstraintNetwork()
-    x = net.variable("x", (), (-4, 4))
+    net, x = network(x=(-4, 4))
     shared, own = net.reading(0.0, 1.0), net.reading(np.zeros(4), 1.0)
     factors, m, k = rng.choice([-2.0, -1.0, 1.0, 2.0], (2, 4)), *np.split(rng.integers(-8, 9, 5) / 8.0, [1])
     bound = factors[0] * m + factors[1] * k + 0.5
@@ -141,8 +141,7 @@ KINKS: dict[str, tuple[Callable[[Expr, Expr], Expr], Callable[[Floats, Floats], 
 def test_eliminated_kinks_have_the_same_solutions(name: str) -> None:
     """On a grid: `f <= c` holds exactly where its polynomial rows hold (with the guards, where v >= 0)."""
     make, value = KINKS[name]
-    net = ConstraintNetwork()
-    x, y = net.variable("x", (), (-4, 4)), net.variable("y", (), (-4, 4))
+    net, x, y = network(x=(-4, 4), y=(-4, 4))
     net.add(make(x, y) <= 0.3)
     system = PolynomialForms(net).on()
     assert system.leftover == ()
@@ -175,8 +174,7 @@ LEFT_OVER: dict[str, Callable[[Expr, Expr], Expr]] = {
 
 @pytest.mark.parametrize("name", LEFT_OVER)
 def test_what_is_not_polynomial_is_left_over_with_a_reason(name: str) -> None:
-    net = ConstraintNetwork()
-    x = net.variable("x", 3, (1, 2))
+    net, x = network(3, x=(1, 2))
     reading = net.reading([1.0, 2.0, 3.0], 0.1)
     net.add(x[2] <= 1.5)
     net.add(LEFT_OVER[name](x, reading) <= 1)

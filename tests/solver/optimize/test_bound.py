@@ -14,6 +14,7 @@ from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.bound import Bracket, Minimum, minimize, status_of
 from cpcal.solver.optimize.local import Incumbent, Known, fit, fit_of_many
 from cpcal.solver.optimize.witness import Prepared, Witness
+from tests.networks import network
 
 Problem = tuple[Network, str, float]
 
@@ -48,8 +49,7 @@ def circle_fit() -> Problem:
 
 def three_valleys() -> Problem:
     """x^4 - 3 x^2 + x: the right valley is a trap, and so is the middle of the domain."""
-    net = Network()
-    x, z = net.variable("x", (), (-2, 2)), net.variable("z", (), (-10, 10))
+    net, x, z = network(x=(-2, 2), z=(-10, 10))
     net.add(z >= x**4 - 3 * x**2 + x)
     roots = np.roots([4, 0, -6, 1]).real
     return net, "z", float(np.min(roots**4 - 3 * roots**2 + roots))
@@ -134,8 +134,7 @@ def test_ctrl_c_keeps_what_is_proved() -> None:
 
 
 def test_infeasible_networks_are_refuted() -> None:
-    net = Network()
-    x, z = net.variable("x", (), (-2, 2)), net.variable("z", (), (-10, 10))
+    net, x, z = network(x=(-2, 2), z=(-10, 10))
     net.add([z >= x**2, x + z <= -0.26])
     found = net.minimize(z)
     assert found.verdict is Verdict.REFUTED
@@ -155,8 +154,7 @@ def test_an_unclosed_bracket_is_never_proved() -> None:
     net.add(x**2 <= e)
     found = net.minimize(e, contractors=("hc4", "lifted"), limits=Limits(nodes=5))
     assert found.lo <= 0.0 <= found.hi
-    net = Network()
-    x, e = net.variable("x", (), (-2, 2)), net.variable("e", (), (-100, 100))
+    net, x, e = network(x=(-2, 2), e=(-100, 100))
     net.add(norm(np.ones((3, 1)) * (x - 0.1)) - 1 <= e)  # hc4 sees it, but to lifted 3 roots are one
     net.add((1 / (2 + x**2)).within((-e, np.inf)))  # not polynomial: lifted knows nothing of it
     found = net.minimize(e, limits=Limits(nodes=30))
@@ -175,8 +173,7 @@ def test_objectives_that_make_no_sense_are_refused() -> None:
 
 def test_readings_bracket_includes_their_first_order_effect() -> None:
     """|x - r| <= e with r in [1, 3] shared with |x - 5| <= e: the optimum is (5 - 3) / 2 = 1 for r = 3."""
-    net = Network()
-    x, e = net.variable("x", (), (-10, 10)), net.variable("e", (), (0, 100))
+    net, x, e = network(x=(-10, 10), e=(0, 100))
     net.add([(x - net.reading(2.0, 1.0)).within((-e, e)), (x - 5).within((-e, e))])
     found = net.minimize(e)
     assert found.lo <= 1.0 <= found.hi + 1e-12
@@ -271,8 +268,7 @@ def test_a_known_optimum_is_bracketed_and_the_gap_closes(problem: Callable[[], A
 
 
 def test_a_division_by_an_expression_of_one_sign_is_multiplied_out() -> None:
-    net = cpcal.Network()
-    x, y = net.variable("x", domain=(1, 2)), net.variable("y", domain=(-3, -2))
+    net, x, y = network(x=(1, 2), y=(-3, -2))
     net.add([x / y / x + 3 / (x * y) <= 1, (x / (y - 1)).within((-1, -0.25)), x + y == 0])
     products, origin = with_products(net, instead=True)
     assert origin == [0, 1, 1, 2]
@@ -285,8 +281,7 @@ def test_a_division_by_an_expression_of_one_sign_is_multiplied_out() -> None:
 
 
 def test_a_division_by_an_expression_of_unknown_sign_stays() -> None:
-    net = cpcal.Network()
-    x, y = net.variable("x", domain=(1, 2)), net.variable("y", domain=(-3, 2))
+    net, x, y = network(x=(1, 2), y=(-3, 2))
     net.add(x / y <= 1)
     assert with_products(net)[0] is net
 

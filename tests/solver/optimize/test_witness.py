@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from cpcal.solver.network import ConstraintNetwork, Expr, norm, sqrt
 from cpcal.solver.optimize.witness import Witness, WitnessProver, verify_point
+from tests.networks import network
 
 MIXING = {
     "one row twice": (lambda r: r[[0, 0]] + np.array([0.0, 0.5])),
@@ -88,8 +89,7 @@ def test_equations_without_a_solution_near_the_point_are_not_proved() -> None:
 
 
 def test_an_equation_that_a_component_at_its_end_satisfies_needs_no_unknown() -> None:
-    net = ConstraintNetwork()
-    x, y, z = net.variable("x", (), (0, 5)), net.variable("y", (), (0, 5)), net.variable("z", (), (-9, 9))
+    net, x, y, z = network(x=(0, 5), y=(0, 5), z=(-9, 9))
     net.add([x * y == 0.0, x + y == 1.0, y - x <= z])
     found = prove(net, [1.0, 0.0, -5.0])
     assert found is not None
@@ -137,8 +137,7 @@ def test_readings_within_their_sets_prove_zero_and_no_more() -> None:
 @given(center=st.floats(-1e6, 1e6), radius=st.sampled_from([5e-324, 1e-17, 1e-16, 3e-16, 0.1, 0.3, 1e5]))
 def test_readings_outside_their_stated_sets_prove_nothing(center: float, radius: float) -> None:
     """The stored set is rounded outward; a witness must use readings of the stated one, exactly."""
-    net = ConstraintNetwork()
-    x, eps = net.variable("x", (), (-np.inf, np.inf)), net.variable("eps", (), (0.0, 1e6))
+    net, x, eps = network(x=(-np.inf, np.inf), eps=(0.0, 1e6))
     net.add((x - net.reading(center, radius)).within((-eps, eps)))
     for far in (Fraction(center) + Fraction(radius), Fraction(center) - Fraction(radius)):
         point = float(far)

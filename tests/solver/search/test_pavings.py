@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contractors import HC4, Newton
-from cpcal import Interval, Limits, Network, Verdict, norm, sqr
+from cpcal import Interval, Limits, Verdict, norm, sqr
 from cpcal.solver.contract import Contraction, Then
 from cpcal.solver.existence import UniquenessProver
 from cpcal.solver.interval import Box
@@ -18,13 +18,7 @@ from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.search import ORDERS, STRATEGIES, Divide, EventKind, LargestFirst, Paving, Search, bisect
 from cpcal.solver.search.passes import Smear
 from cpcal.solver.search.search import clusters, difference, volume
-
-
-def annulus() -> Network:
-    net = Network()
-    x, y = net.variable("x", (), (-3, 3)), net.variable("y", (), (-3, 3))
-    net.add((sqr(x) + sqr(y)).within((1, 4)))
-    return net
+from tests.networks import network
 
 
 def proved(paving: Paving) -> list[Box]:
@@ -36,8 +30,7 @@ def proved(paving: Paving) -> list[Box]:
 
 def test_all_solutions_of_a_square_system_are_proved() -> None:
     """Two ellipses."""
-    net = Network()
-    x, y = net.variable("x", (), (-4, 4)), net.variable("y", (), (-4, 4))
+    net, x, y = network(x=(-4, 4), y=(-4, 4))
     net.add([sqr(x) + 4 * sqr(y) == 4, 4 * sqr(x) + sqr(y) == 4])
     paving = net.solve(width=1e-3, contractors=("hc4",))
     assert paving.complete
@@ -55,8 +48,7 @@ def test_close_zeros_of_polynomials_are_all_in_the_boxes(seed: int) -> None:
     rng = np.random.default_rng(seed)
     first = rng.integers(-8, 8, 3) / 8.0
     zeros = np.unique(np.concatenate([first, first + 2.0 ** -rng.integers(5, 16, 3)]))
-    net = Network()
-    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
+    net, x, y = network(x=(-2, 2), y=(-2, 2))
     body = x - float(zeros[0])
     for zero in zeros[1:].tolist():
         body = body * (x - zero)
@@ -71,8 +63,7 @@ def test_close_zeros_of_polynomials_are_all_in_the_boxes(seed: int) -> None:
 
 
 def test_a_solution_on_the_faces_of_boxes_is_one_solution() -> None:
-    net = Network()
-    x, y = net.variable("x", (), (-1, 1)), net.variable("y", (), (-1, 1))
+    net, x, y = network(x=(-1, 1), y=(-1, 1))
     net.add([x * 1.5 + y * y * y == 0, y * 1.5 - x * x * x == 0])
     for strategy in STRATEGIES:
         paving = net.solve(width=0.01, contractors=("hc4",), strategy=strategy)
@@ -82,8 +73,7 @@ def test_a_solution_on_the_faces_of_boxes_is_one_solution() -> None:
 
 
 def test_inside_outside_and_single_solutions_cover_the_domain() -> None:
-    net = Network()
-    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
+    net, x, y = network(x=(-2, 2), y=(-2, 2))
     net.add([sqr(x) + sqr(y) == 2, sqr(x - 1) * (x + 1) == y - x])
     paving = net.solve(width=0.05, contractors=("hc4",), inner=True)
     assert proved(paving)
@@ -96,8 +86,7 @@ def test_inside_outside_and_single_solutions_cover_the_domain() -> None:
 
 
 def test_a_double_solution_stays_unknown_next_to_a_proved_one() -> None:
-    net = Network()
-    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
+    net, x, y = network(x=(-2, 2), y=(-2, 2))
     net.add([sqr(x - 1) * (x + 1) == 0, y == x])
     paving = net.solve(width=1e-4, contractors=("hc4",))
     assert [box.mid.tolist() for box in proved(paving)] == [pytest.approx([-1, -1])]
@@ -107,8 +96,7 @@ def test_a_double_solution_stays_unknown_next_to_a_proved_one() -> None:
 
 
 def test_a_limit_or_ctrl_c_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    net = Network()
-    x, y = net.variable("x", (), (-4, 4)), net.variable("y", (), (-4, 4))
+    net, x, y = network(x=(-4, 4), y=(-4, 4))
     net.add([sqr(x) + sqr(y) == 5, x * y == 2])
     points = [(1, 2), (2, 1), (-1, -2), (-2, -1)]
 
@@ -151,7 +139,8 @@ def within(points: np.ndarray[Any, Any], boxes: tuple[Box, ...]) -> np.ndarray[A
 @pytest.mark.parametrize("strategy", STRATEGIES)
 @pytest.mark.parametrize("order", ORDERS)
 def test_every_strategy_and_order_gives_a_correct_paving(strategy: str, order: str) -> None:
-    net = annulus()
+    net, x, y = network(x=(-3, 3), y=(-3, 3))
+    net.add((sqr(x) + sqr(y)).within((1, 4)))
     paving = net.solve(width=0.6, contractors=("hc4",), strategy=strategy, order=order, inner=True)
     assert paving.complete
     assert net.solve(width=0.6, contractors=("hc4",), strategy=strategy, order=order, inner=True) == paving
@@ -190,7 +179,8 @@ def test_difference_clusters_and_volume(seed: int) -> None:
     assert exact in volume([*pieces, part])
     for point in rng.uniform(box.lo, box.hi, (20, n)):
         held = sum(point in piece for piece in pieces)
-        assert (held == 0) == (point in part) or (point in part and held > 0 and _on_face(point, part))
+        on_face = bool(((point == part.lo) | (point == part.hi)).any())
+        assert (held == 0) == (point in part) or (point in part and held > 0 and on_face)
     boxes = [random_box() for _ in range(int(rng.integers(0, 9)))]
     labels = clusters(boxes)
     for i, j in itertools.combinations(range(len(boxes)), 2):
@@ -207,13 +197,8 @@ def test_difference_clusters_and_volume(seed: int) -> None:
             members = [b for b in members if b not in near]
 
 
-def _on_face(point: np.ndarray[Any, Any], box: Box) -> bool:
-    return bool(((point == box.lo) | (point == box.hi)).any())
-
-
 def test_readings_have_inner_boxes_only_where_that_is_proved() -> None:
-    net = Network()
-    p = net.variable("p", 2, (-2, 2))
+    net, p = network(2, p=(-2, 2))
     net.add(norm(p) == net.reading(1.0, 0.25))
     paving = net.solve(width=0.2, contractors=("hc4",), inner=True)
     assert paving.inside
@@ -225,8 +210,7 @@ def test_readings_have_inner_boxes_only_where_that_is_proved() -> None:
 
 
 def test_an_inequality_through_the_solution_leaves_it_unknown() -> None:
-    net = Network()
-    x = net.variable("x", (), (0, 4))
+    net, x = network(x=(0, 4))
     net.add([sqr(x) == 2, x * x * x * x <= 4])
     paving = net.solve(contractors=("hc4",))
     assert proved(paving) == []
@@ -236,8 +220,7 @@ def test_an_inequality_through_the_solution_leaves_it_unknown() -> None:
 
 @pytest.mark.parametrize("contractors", [("hc4",), ("hc4", "newton"), ("cid",), ("hc4", "lifted")])
 def test_whatever_contracts_the_solutions_are_the_same(contractors: tuple[str, ...]) -> None:
-    net = Network()
-    x = net.variable("x", 3, (-4, 4))
+    net, x = network(3, x=(-4, 4))
     net.add([x[0] * x[1] + sqr(x[2]) == 2, x[1] * x[2] - sqr(x[0]) == -1, x[0] * x[2] + sqr(x[1]) * x[0] == 1])
     paving = net.solve(width=1e-3, contractors=contractors)
     assert paving.status == "4 boxes hold exactly one solution each, and there are no others: proved."
@@ -247,19 +230,11 @@ def test_whatever_contracts_the_solutions_are_the_same(contractors: tuple[str, .
     assert len(paving.clusters) == 4
 
 
-def two_roots() -> Network:
-    net = Network()
-    x, y = net.variable("x", (), (-10, 10)), net.variable("y", (), (-10, 10))
-    net.add([x**2 + y**2 == 25, x - y == 1])
-    return net
-
-
 BOUND = st.sampled_from([-np.inf, -1e300, -1.0, 0.0, 5e-324, 1.0, 1.0 + 2**-52, 1e300, np.inf])
 
 
 def ring() -> ConstraintNetwork:
-    net = ConstraintNetwork()
-    x, y = net.variable("x", (), (-4, 4)), net.variable("y", (), (-3, 5))
+    net, x, y = network(x=(-4, 4), y=(-3, 5))
     net.add((x**2 + y**2).within((4.0, 4.1)))
     return net
 
@@ -344,17 +319,10 @@ def test_an_interrupted_node_stays_pending(where: str) -> None:
     assert covered(rest)
 
 
-# strategies -------------------------------------------------------------------------------------------------
-
-
-# Network.solve ----------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("order", [{}, {"priority": ORDERS["breadth"]}])
 def test_the_size_of_batches_changes_nothing(order: dict[str, Any]) -> None:
     """Events, kept boxes and what is pending at a stop are the same one node at a time and 64 at a time."""
-    net = Network()
-    x = net.variable("x", 2, (-3.0, 3.1))
+    net, x = network(2, x=(-3.0, 3.1))
     net.add([x[0] ** 2 + x[1] ** 2 == 4, x[1] == x[0] ** 2 - 1])
     told = []
     for batch in (1, 5, 64):
@@ -388,10 +356,10 @@ def test_pieces_cover_the_box_and_are_smaller(pairs: list[tuple[float, float]]) 
 
 
 def test_no_sentence_says_proved_while_a_box_is_undivided() -> None:
-    stops = [two_roots().solve(width=1e-9, contractors=("hc4", "lifted"), limits=Limits(nodes=n)) for n in (4, 8, 9)]
-    assert [paving.status.split(" undivided")[0] for paving in stops[:2]] == [
-        "Stopped with 3 boxes",
-        "Stopped with 1 box",
-    ]
+    net, x, y = network(x=(-10, 10), y=(-10, 10))
+    net.add([x**2 + y**2 == 25, x - y == 1])
+    stops = [net.solve(width=1e-9, contractors=("hc4", "lifted"), limits=Limits(nodes=n)) for n in (4, 8, 9)]
+    said = [paving.status.split(" undivided")[0] for paving in stops[:2]]
+    assert said == ["Stopped with 3 boxes", "Stopped with 1 box"]
     assert [paving.complete for paving in stops] == [False, False, True]
     assert "proved" in stops[2].status
