@@ -23,6 +23,7 @@ from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted
 from cpcal.solver.network.polynomial import PolynomialForms
 from cpcal.solver.network.rows import DecisiveReadings, Rows
+from cpcal.solver.optimize.local import fit_of_many
 
 # ------------------------------------------------------------------------------------------------------------------
 # Directions in the variables of a box as objectives in its columns, and back: nothing is lost to rounding.
@@ -114,10 +115,8 @@ class Structures:
 
         Structures of the boxes before are kept: another question about the network comes by the same ends.
         """
-        keep = None
         seeking = self._objective is not None and bool(box.rad[self._objective] > 0.0)
-        if self._rows is not None:
-            keep = self._rows.telling(box.mid, max(_TELLING if seeking else _ENCLOSING, self._share))
+        keep = None if self._rows is None else self._telling(self._rows, box, seeking)
         if self._forms is None or not all(map(np.array_equal, keep or (), self._keep or ())):
             some = self._network if keep is None else restricted(self._network, keep)
             self._keep, self._forms, self._known = keep, PolynomialForms(some, deadline), {}
@@ -134,6 +133,23 @@ class Structures:
                 del self._known[next(iter(self._known))]
         self._known[key] = structure
         return structure
+
+    def _telling(self, rows: Rows, box: Box, seeking: bool) -> list[Indices]:
+        """Those that a fit in the whole domain took, if the box holds its point, with what encloses more than that
+        point; else those that say most around the midpoint. The box alone decides which."""
+        at, chosen, most = box.mid, None, max(_TELLING if seeking else _ENCLOSING, self._share)
+        domain, objective = self._network.domain, self._objective
+        if objective is not None and domain.is_bounded:
+            start = domain.mid.copy()
+            start[objective] = np.clip(0.0, domain.lo[objective], domain.hi[objective])
+            fitted = fit_of_many(self._network, rows, objective, start, domain)
+            outside = (fitted.point < box.lo) | (box.hi < fitted.point)
+            if not np.delete(outside, objective).any():
+                at, chosen = fitted
+        if chosen is not None and seeking:
+            return chosen
+        telling = rows.telling(at, most)
+        return telling if chosen is None else list(map(np.union1d, chosen, telling))
 
     def __getstate__(self) -> dict[str, object]:
         """Without those that were made, which may be large."""

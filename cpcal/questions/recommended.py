@@ -37,13 +37,19 @@ _PARTS = 1024  # the factor on the half-widths is a multiple of one of so many
 
 
 def conformity(
-    question: Question, leg: int, network: ConstraintNetwork, lo: float, only: tuple[int, ...] | None = None
+    question: Question,
+    leg: int,
+    center: Floats,
+    network: ConstraintNetwork,
+    lo: float,
+    only: tuple[int, ...] | None = None,
 ) -> dict[str, Any]:
     """The fields of `LegResult` that are of all readings, of a leg (from 1) with the equations of `network`.
 
-    No parameters satisfy these below `lo` for any readings. `only`: some measurements, numbers from 0.
+    No parameters satisfy these below `lo` for any readings. `center`: the question's. `only`: some measurements,
+    numbers from 0.
     """
-    of, tolerance = _Leg(question, leg, network, only), question.options.tolerance
+    of, tolerance = _Leg(question, leg, center, network, only), question.options.tolerance
     x, why, reduced = of.plain, LEAST_SQUARES, None
     eps = of.largest(of.tightest)
     if tolerance is not None and lo <= tolerance:
@@ -66,7 +72,9 @@ def conformity(
 class _Leg:
     """One leg, for every reading of its measurements."""
 
-    def __init__(self, question: Question, leg: int, network: ConstraintNetwork, only: tuple[int, ...] | None) -> None:
+    def __init__(
+        self, question: Question, leg: int, center: Floats, network: ConstraintNetwork, only: tuple[int, ...] | None
+    ) -> None:
         campaign, model = question.campaign, question.model
         self._question, self._leg, self._network = question, leg, network
         self._residuals = ModelResiduals(campaign, leg, model)
@@ -76,7 +84,8 @@ class _Leg:
         self._readings = [part[self._mine] for part in leg_readings(campaign, leg)]
         self._used = np.bincount(self._mine, minlength=len(campaign)).astype(np.float64)
         self._rows = Rows(network, every=True)
-        self.plain = self.fit(None if only is None else self._used)
+        fitted = only is None and question.options.center == "fit"
+        self.plain = center if fitted else self.fit(None if only is None else self._used)
 
     @cached_property
     def weight(self) -> Floats:
@@ -115,7 +124,7 @@ class _Leg:
         """A local minimiser of E in the leg's box, for which `lo` is proved: so its E is not below `lo`."""
         box = self._network.domain.replace("eps", lo=0.0, hi=np.inf)
         inside = np.clip(self.plain, box.lo[:-1], box.hi[:-1])
-        found = fit_of_many(self._network, self._rows, len(inside), np.append(inside, 0.0), box)[:-1]
+        found = fit_of_many(self._network, self._rows, len(inside), np.append(inside, 0.0), box).point[:-1]
         return np.clip(found, box.lo[:-1], box.hi[:-1])
 
     def within(self, tolerance: float) -> Floats:

@@ -440,11 +440,11 @@ class AllReadings:
         """Half the slopes (N, 3) of the square by d and s."""
         return self.w + self.c, np.cross(self.c, self.w)
 
-    def needed(self, eps: float, factor: float = 1.0) -> float:
-        """If it is at most `eps`, the point with that eps holds for all readings of sets `factor` times as wide."""
+    def least_eps(self, factor: float = 1.0) -> float:
+        """The least eps, about, at which the point is proved to hold for all readings of sets `factor` times as wide;
+        infinite where there is none."""
         r, t, rl = factor * self.radii[:, :3], 0.5 * factor * self.radii[:, 3:6], factor * self.radii[:, 6]
         shift, swing = r.sum(axis=1), t.sum(axis=1)
-        change = abs(self.gain) * rl + eps
         d, s = self.slopes()
         c, w = np.abs(self.c), np.abs(self.w)
         moved = r + 2.0 * crossed(t, c) + (3.0 * swing * swing * self.size)[:, None]
@@ -459,26 +459,17 @@ class AllReadings:
             self.square(self.w + sign * end[0], _rotated(sign * end[1], self.c)) + sign * slack for sign in (1.0, -1.0)
         )
         high, low = (self.gain * (self.read + e) + self.offset for e in (end[2], -end[2]))
-        good = (self.gain * self.read + self.offset > change + self.rounding) & (least > 0.0)
-        good &= self.read - rl + self.offset > eps + self.rounding
-        if not good.all():
+        if not (least > 0.0).all():
             return math.inf
         roots = np.sqrt(most), np.sqrt(least)
         doubt = (
             self.rounding * (1.0 + np.sqrt(most + abs(self.height)) / roots[1])
             + _UNIT * (most + abs(self.height)) / roots[1]
         )
-        return float((np.maximum(roots[0] - high, low - roots[1]) + doubt).max(initial=0.0))
-
-    def least_eps(self, factor: float = 1.0) -> float:
-        """The least eps, about, at which it is proved of all; infinite where there is none."""
-        eps = 0.0
-        for _ in range(_TRIES):
-            needed = self.needed(eps, factor)
-            if needed <= eps or needed == math.inf:
-                break
-            eps = needed * (1.0 + 2.0**-50)
-        return eps if needed <= eps else math.inf
+        eps = float((np.maximum(roots[0] - high, low - roots[1]) + doubt).max(initial=0.0)) * (1.0 + 2.0**-50)
+        good = self.gain * self.read + self.offset > abs(self.gain) * rl + eps + self.rounding
+        good &= self.read - rl + self.offset > eps + self.rounding
+        return eps if good.all() else math.inf
 
 
 def _rotated(s: Floats, z: Floats) -> Floats:
@@ -487,4 +478,4 @@ def _rotated(s: Floats, z: Floats) -> Floats:
     return np.asarray(z + 2.0 * (across + np.cross(s, across)) / (1.0 + (s * s).sum(axis=1))[:, None])
 
 
-_TRIES, _ROUNDINGS = 60, 64.0  # rounds; of sums and products, in units of their sizes
+_ROUNDINGS = 64.0  # of sums and products, in units of their sizes

@@ -250,7 +250,7 @@ def select(root: Expr, rows: Indices) -> Expr:
     nodes, wanted = topological((root,)), {root.digest}  # whose leading axis is the one that is selected from
     for node in reversed(nodes):
         if node.digest in wanted:
-            wanted.update(arg.digest for arg in node.args if passes_down(node, arg))
+            wanted.update(arg.digest for arg in node.args if passes_down(node, arg, rows))
     done: dict[bytes, Expr] = {}
     for node in nodes:
         if node.digest in wanted:
@@ -258,15 +258,15 @@ def select(root: Expr, rows: Indices) -> Expr:
     return done[root.digest]
 
 
-def passes_down(node: Expr, arg: Expr) -> bool:
-    """Whether element k of the node is computed from row k of the argument alone."""
+def passes_down(node: Expr, arg: Expr, rows: Indices | slice = slice(None)) -> bool:
+    """Whether element k of the node, for each k of these rows, is computed from row k of the argument alone."""
     if not arg.shape or not node.shape or arg.shape[0] != node.shape[0]:
         return False
     if node.op == "sum":
         return node.parameter > 0
     if node.op == "index":
-        row = node.places.reshape((node.shape[0], -1)) // math.prod(arg.shape[1:])  # of the argument
-        return bool((row == np.arange(node.shape[0])[:, None]).all())
+        row = node.places.reshape((node.shape[0], -1))[rows] // math.prod(arg.shape[1:])  # of the argument
+        return bool((row == np.arange(node.shape[0])[rows, None]).all())
     return arg.ndim == node.ndim
 
 
@@ -276,11 +276,11 @@ def _selected(node: Expr, rows: Indices, done: dict[bytes, Expr]) -> Expr:
         return replace(node, shape=shape, data=node.data[rows])
     if not node.args or (node.op == "sum" and node.parameter == 0):  # of all rows: select from the result
         return node[rows]
-    below = tuple(done[arg.digest] if passes_down(node, arg) else arg for arg in node.args)
+    below = tuple(done[arg.digest] if passes_down(node, arg, rows) else arg for arg in node.args)
     if node.op != "index":
         return replace(node, args=below, shape=shape)
     chosen = node.places.reshape((node.shape[0], -1))[rows]
-    if passes_down(node, node.args[0]):
+    if passes_down(node, node.args[0], rows):
         width = math.prod(node.args[0].shape[1:])
         chosen = np.arange(len(rows))[:, None] * width + chosen % width
     return replace(node, args=below, shape=shape, places=chosen.reshape(shape))

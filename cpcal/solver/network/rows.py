@@ -82,9 +82,9 @@ class Rows:
 
     def __init__(self, network: ConstraintNetwork, *, every: bool = False) -> None:
         rows = one_sided_rows(network)
-        self._constraints, self.every = len(network.constraints), every
         # one reading may be at one end for one row and at the other end for the next
         reading = any("reading" in row.expr.ops for row in rows)
+        self._constraints, self.every = len(network.constraints), every and reading
         groups = [[row] for row in rows] if reading else [rows]
         self._parts = [Extremes(network, *(row.expr for row in group), every=every) for group in groups if group]
         ends = np.cumsum([0, *(row.expr.size for row in rows)]).tolist()

@@ -124,8 +124,9 @@ class Tape:
 
     def continuous_rows(self, slots: IntervalArray) -> Bools:
         """Which of the roots' elements (K,) are continuous at all points that the slots (M,) enclose."""
-        out = np.ones(self.count, np.bool_)
-        sweeps.row_continuity(self.program, self.reach, self._continuity(slots), out)
+        out, operations = np.ones(self.count, np.bool_), self._continuity(slots)
+        if not operations.all():  # else nothing has to know what rows are computed from
+            sweeps.row_continuity(self.program, self.reach, operations, out)
         return out
 
     @cached_property

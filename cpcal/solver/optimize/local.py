@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common.values import Floats
+from cpcal.common.values import Floats, Indices
 from cpcal.solver.contract import Limits
 from cpcal.solver.existence import reads
 from cpcal.solver.interval import Box
@@ -34,6 +34,7 @@ _SMALLEST_RADIUS = 1e-12  # of the trust region, relative to the box
 _MANY = 2048  # elements of constraints, beyond which those that matter are looked for
 _WORST = 64  # of each side of a constraint, those that enter at a time
 _EXTENSIONS = 8  # times that they enter
+_MIDDLE = 1e-9  # of the box: a start this near to its middle begins there
 _FLOOR = 1e-12  # an objective below this is small enough whatever the model promises
 
 
@@ -81,24 +82,44 @@ class _Problem:
         return reach * solution.point if solution.status is LinearStatus.OPTIMAL else None
 
 
-def fit_of_many(network: ConstraintNetwork, rows: Rows, objective: int, start: Floats, box: Box) -> Floats:
+class Fitted(NamedTuple):
+    """A local minimiser, and of each constraint the elements (along its leading axis) that it was found with, if there
+    are many."""
+
+    point: Floats
+    chosen: list[Indices]
+
+
+def fit_of_many(network: ConstraintNetwork, rows: Rows, objective: int, start: Floats, box: Box) -> Fitted:
     """The same in a part of the network's domain, for many measurements: of those that matter, which are few.
 
-    Measurements that the fitted point violates more than it may are added, and the fit goes on.
+    Measurements that the fitted point violates more than it may are added, and the fit goes on. The one from the middle
+    of a box, which several questions ask for, is made once.
     """
-    if sum(c.body.size for c in network.constraints) <= _MANY:
-        return fit(rows, objective, box, start)
-    point, chosen = np.asarray(start, np.float64), [np.zeros(0, np.intp)] * len(network.constraints)
-    some = None
-    for _ in range(_EXTENSIONS):
-        worst = rows.violated(point, _WORST)
-        more = [np.union1d(old, new) for old, new in zip(chosen, worst, strict=True)]
-        if all(len(new) == len(old) for new, old in zip(more, chosen, strict=True)):
-            break
-        chosen = more
-        some = Rows(restricted(network, chosen), every=rows.every)
-        point = fit(some, objective, box, point, _ROUGH)
-    return point if some is None else fit(some, objective, box, point)
+    many = sum(c.body.size for c in network.constraints) > _MANY
+    free = np.arange(len(start)) != objective
+    in_middle = bool((np.abs(start - box.mid) <= _MIDDLE * box.width)[free].all())
+    if many and in_middle:  # all that ask begin with the same numbers
+        start = np.where(free, box.mid, start)
+
+    def fitted() -> Fitted:
+        if not many:
+            return Fitted(fit(rows, objective, box, start), [])
+        point, chosen = start, rows.telling(start, _WORST)
+        for _ in range(_EXTENSIONS):
+            some = Rows(restricted(network, chosen), every=rows.every)
+            point = fit(some, objective, box, point, _ROUGH)
+            worst = rows.violated(point, _WORST)
+            more = [np.union1d(old, new) for old, new in zip(chosen, worst, strict=True)]
+            if all(map(np.array_equal, more, chosen)):
+                break
+            chosen = more
+        return Fitted(fit(some, objective, box, point), chosen)
+
+    if not in_middle:
+        return fitted()
+    what = ("fit", rows.every, start.tobytes(), box.lo[free].tobytes(), box.hi[free].tobytes())
+    return network.once(what, fitted)
 
 
 def fit(rows: Rows, objective: int, box: Box, start: Floats, tolerance: float = _TOLERANCE) -> Floats:
@@ -333,7 +354,7 @@ class Incumbent:
             return True
         if self._prepared.minimax or not self._local.applies:
             prepared = self._prepared
-            better = self._keep(fit_of_many(prepared.network, prepared.rows, o, start, self.domain))
+            better = self._keep(fit_of_many(prepared.network, prepared.rows, o, start, self.domain).point)
         better = better or (not self._one_value and self._keep(start))
         if self._local.applies and not (self._prepared.minimax and (better or self._one_value)) and _due(self.calls):
             for point in self._local.proposals(start):
