@@ -20,11 +20,14 @@ from typing import Any
 from .bounds import Bounds, box_of, matrix, number, numbers
 from .bounds import rotation as enclosed_rotation
 from .polynomial import (
+    Form,
     Polynomial,
     Spend,
+    Terms,
     applied,
     cross,
     dyadics,
+    forms,
     inner,
     minus,
     plus,
@@ -43,7 +46,6 @@ EQUATIONS = 21  # of a rotation
 SIDES = ("u+", "u-", "v+", "v-", "turn+", "turn-", "tie+", "tie-", "link+", "link-", "pose+", "pose-")
 STAGES = ("image", "links", "frames")
 _FINE = 64  # bits of what a link may be off
-Terms = dict[tuple[int, ...], Any]  # coefficients, whole ones but where they are said to be fractions
 Matrix = Sequence[Sequence[Any]]
 Vector = Sequence[F]
 
@@ -79,40 +81,6 @@ def rotation(q: Sequence[F | int]) -> tuple[list[list[int]], int]:
     """R(q) |q|^2 and |q|^2, of a quaternion times some power of two."""
     whole = dyadics(q).values
     return rotation_rows(whole), sum(c * c for c in whole)
-
-
-class Form:
-    """A polynomial by its unknowns, ascending."""
-
-    __slots__ = ("terms",)
-
-    def __init__(self, terms: Terms) -> None:
-        self.terms = {m: c for m, c in terms.items() if c}
-
-    def __add__(self, other: Form | F | int) -> Form:
-        found = dict(self.terms)
-        for m, c in (other.terms if isinstance(other, Form) else {(): other}).items():
-            found[m] = found.get(m, 0) + c
-        return Form(found)
-
-    def __sub__(self, other: Form | F | int) -> Form:
-        return self + -1 * other
-
-    def __mul__(self, other: Form | F | int) -> Form:
-        if not isinstance(other, Form):
-            return Form({m: c * other for m, c in self.terms.items()})
-        found: Terms = {}
-        for m, c in self.terms.items():
-            for n, d in other.terms.items():
-                key = tuple(sorted(m + n))
-                found[key] = found.get(key, 0) + c * d
-        return Form(found)
-
-    __radd__, __rmul__ = __add__, __mul__
-
-
-def forms(unknowns: Iterable[int]) -> list[Form]:
-    return [Form({(i,): 1}) for i in unknowns]
 
 
 @lru_cache(maxsize=256)

@@ -28,9 +28,9 @@ from typing import Any
 
 from .certificate import Accepted, Given
 from .files import ACCURACY_NAME, content, leg_work, parsed
-from .frames import AXES, Form, forms, rotation
+from .frames import AXES, rotation
 from .leg import NAME, ExactCampaign
-from .polynomial import Spend, applied, cross, inner, minus, plus, product, transposed
+from .polynomial import Form, Spend, applied, cross, forms, inner, minus, plus, product, transposed
 from .readers import Json, Refused, Stated, array, compare, exact, finite, many, reading, same, shown, up, whole
 from .run import INFORMATION, LegCertificates, of_the_campaign
 

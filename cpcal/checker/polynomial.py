@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction as F
 from functools import lru_cache, reduce
 from operator import add, itemgetter, mul, or_, sub
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from .readers import Refused
 
@@ -166,6 +166,45 @@ def rotation_rows(h: Sequence[Any]) -> list[list[Any]]:
         [xy + wz, ww + yy - (xx + zz), yz - wx],
         [xz - wy, yz + wx, ww + zz - (xx + yy)],
     ]
+
+
+# polynomials that a model makes its rows of --------------------------------------------------------------------------
+
+Terms = dict[tuple[int, ...], Any]  # by its unknowns, ascending; coefficients are whole, or fractions
+
+
+class Form:
+    """A small polynomial, whose work nobody counts."""
+
+    __slots__ = ("terms",)
+
+    def __init__(self, terms: Terms) -> None:
+        self.terms = {m: c for m, c in terms.items() if c}
+
+    def __add__(self, other: Form | F | int) -> Self:
+        found = dict(self.terms)
+        for m, c in (other.terms if isinstance(other, Form) else {(): other}).items():
+            found[m] = found.get(m, 0) + c
+        return type(self)(found)
+
+    def __sub__(self, other: Form | F | int) -> Self:
+        return self + -1 * other
+
+    def __mul__(self, other: Form | F | int) -> Self:
+        if not isinstance(other, Form):
+            return type(self)({m: c * other for m, c in self.terms.items()})
+        found: Terms = {}
+        for m, c in self.terms.items():
+            for n, d in other.terms.items():
+                key = tuple(sorted(m + n))
+                found[key] = found.get(key, 0) + c * d
+        return type(self)(found)
+
+    __radd__, __rmul__ = __add__, __mul__
+
+
+def forms(unknowns: Iterable[int]) -> list[Form]:
+    return [Form({(i,): 1}) for i in unknowns]
 
 
 # vectors and matrices over any ring: fractions, whole numbers, intervals, traced polynomials ------------------------

@@ -38,9 +38,9 @@ from .bounds import (
 )
 from .certificate import FORMAT, Certificates
 from .files import POSE_SET_SUFFIX, WORK, Budget, Lines, content, parsed
-from .frames import EQUATIONS, Form, Terms, forms, polynomial, turn_equations
+from .frames import EQUATIONS, polynomial, turn_equations
 from .lens import NEAREST, Cameras, longest
-from .polynomial import Polynomial, Spend, applied, inner, minus, plus, transposed
+from .polynomial import Form, Polynomial, Spend, Terms, applied, forms, inner, minus, plus, transposed
 from .polynomial import product as matrix_product
 from .readers import (
     STRANGE,

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from flint import Ordering, fmpz_mpoly_ctx, fmpz_mpoly_vec
 
+from cpcal.checker.polynomial import Terms
 from cpcal.common import numbers
 from cpcal.common.errors import ModelError
 from cpcal.common.files import StrPath, listed
@@ -25,7 +26,7 @@ from cpcal.common.numbers import stated
 from cpcal.common.values import Floats
 from cpcal.solver import plugins
 from cpcal.solver.accounts import row_use
-from cpcal.solver.certificate.exact_network import ExactPolynomials, NotStated, Terms, network_statement
+from cpcal.solver.certificate.exact_network import ExactPolynomials, NotStated, network_statement
 from cpcal.solver.certificate.recording import Recording, SearchKeeper, certified
 from cpcal.solver.compiled import TimeUp, compiling_until
 from cpcal.solver.contract import (

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from cpcal.checker import FORMAT, Refused
 from cpcal.checker.certificate import Given, polynomial
-from cpcal.checker.polynomial import constant
+from cpcal.checker.polynomial import Form, constant
 from cpcal.checker.rule import SIDES, Constraint, Problem, Unknowns
 from cpcal.checker.rule import Box as ExactBox
 from cpcal.common.errors import ModelError
@@ -141,7 +141,6 @@ def number(value: F | float) -> str:
 
 
 Objects = npt.NDArray[Any]
-Terms = dict[tuple[int, ...], F]  # sorted unknowns of a monomial -> coefficient
 
 
 class NotStated(ModelError):
@@ -230,38 +229,18 @@ def _checked(p: _Poly) -> Given:
 _minus: Any = np.frompyfunc(lambda a, b: None if a is None or b is None else a - b, 2, 1)
 
 
-class _Poly:
-    """A polynomial from sorted monomials to coefficients, with operators so that numpy's object arrays take it."""
+class _Poly(Form):
+    """That numpy's object arrays take for a number."""
 
-    __slots__ = ("terms",)
-
-    def __init__(self, terms: Terms) -> None:
-        self.terms = {m: c for m, c in terms.items() if c}
-
-    def __add__(self, other: _Poly) -> _Poly:
-        out = dict(self.terms)
-        for m, c in other.terms.items():
-            out[m] = out.get(m, F(0)) + c
-        return _Poly(out)
+    __slots__ = ()
 
     def __neg__(self) -> _Poly:
-        return _Poly({m: -c for m, c in self.terms.items()})
-
-    def __sub__(self, other: _Poly) -> _Poly:
-        return self + -other
-
-    def __mul__(self, other: _Poly) -> _Poly:
-        out: Terms = {}
-        for m, c in self.terms.items():
-            for n, d in other.terms.items():
-                key = tuple(sorted(m + n))
-                out[key] = out.get(key, F(0)) + c * d
-        return _Poly(out)
+        return self * -1
 
     def __truediv__(self, other: _Poly) -> _Poly:
         if set(other.terms) != {()}:
             raise NotStated("it divides by an expression with unknowns, or by zero")
-        return _Poly({m: c / other.terms[()] for m, c in self.terms.items()})
+        return self * F(1, other.terms[()])
 
 
 class ExactPolynomials:
