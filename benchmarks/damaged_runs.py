@@ -45,8 +45,7 @@ from cpcal.cli.verbs import Status
 from cpcal.common.codec import INFORMATION
 from cpcal.common.errors import InputError
 from cpcal.common.values import same
-from cpcal.files import campaign_sha256, load_campaign, load_study, save_campaign, save_study
-from cpcal.files.run_folder import ACCURACY, answers_into
+from cpcal.files import campaign_sha256, load_campaign, load_study, save_campaign, save_campaign_json, save_study
 from cpcal.models.hand_eye import save_hand_eye, simulate_hand_eye
 from cpcal.models.sight import CameraSet, PixelBoxes, TargetSet, enclose_pose
 from cpcal.questions import calibrate_study, certify
@@ -254,8 +253,8 @@ def accuracy(folder: Path) -> None:
     campaign = simulate(seed=3, extremal=False, random_poses=12, noise=0.0, factor=0.0, joint_error=0.02)
     result = certify(campaign, delta=8.0, support="none", center="nominal")
     poses = NamedPoses(("home",), Pose(np.array([[0.0, 0.0, 360.0]]), np.array([[1.0, 0.0, 0.0, 0.0]])))
-    with answers_into(folder / "run", ACCURACY, campaign) as draft:
-        save_accuracy(certify_accuracy(campaign, result, poses=poses, assume=0.02, certificates=draft), draft)
+    run = save_campaign_json(campaign, folder / "run").parent
+    save_accuracy(certify_accuracy(campaign, result, poses=poses, assume=0.02, certificates=run), run)
 
 
 def pose_sets(folder: Path) -> None:

@@ -27,12 +27,12 @@ from cpcal.cli.verbs import (
 )
 from cpcal.common.errors import OutputError, printable
 from cpcal.common.numbers import stated
-from cpcal.files import load_campaign
+from cpcal.files import load_campaign, save_campaign_json
 from cpcal.files.run_folder import RUN, locked
 from cpcal.models import LegModel
 from cpcal.questions import Result, save_result, verdict_of
-from cpcal.questions.ask import HERE, answered, comparison
-from cpcal.questions.question import Checkpoints, Question, question_of
+from cpcal.questions.ask import HERE, answered
+from cpcal.questions.question import Question, checkpoints_of, comparison, question_of
 from cpcal.report import (
     FRAME,
     LONGER,
@@ -150,47 +150,39 @@ def certified_into(run: Path, question: Question, *, talk: Talk, place: Place = 
     `place`: where the work is done. `resume`: go on from the checkpoint of an earlier run. Stopped before any leg has
     an answer, it raises Stopped, and what was there before stays.
     """
-    campaign = question.campaign
-    kept = Checkpoints.for_run(run, question, resume=resume)
+    campaign, kept = question.campaign, checkpoints_of(question, run, resume=resume)
 
     def find(draft: Path) -> Result:
-        kept.begin()
-        here = question._replace(certificates=draft, checkpoints=kept)
         try:
             with line(talk.console()) as shown:
-                result = answered(here._replace(progress=shown.leg), place)
-        except LostWorkerError as error:
-            result = _kept_until(error, here)
+                result = answered(question._replace(progress=shown.leg), place, draft, kept)
+        except LostWorkerError as error:  # nobody is there to work any more: what is answered counts
+            give_up(Reason.DESERTED)
+            if asked() is None:
+                raise
+            result = answered(question, HERE, draft, kept._replace(resume=True))
+            if not result.legs:
+                raise
+            warn(str(error))
         except MemoryError as error:
             what = f"{len(campaign)} measurements need more memory than there is ({str(error) or 'nothing is left'})"
             remedy = "go on with --resume, which keeps what is answered, where there is more"
             raise MemoryError(f"{what}; {remedy}") from None
         if result.interrupted and not result.legs:
             raise Stopped(asked() or Reason.INTERRUPTED)
+        save_campaign_json(campaign, draft)
         return result
 
     page = partial(write_report, campaign, model=question.model)
     show = partial(show_result, talk, campaign, model=question.model)
     try:
-        result = answer(run, RUN, find, save_result, page, show, talk, campaign)
+        result = answer(run, RUN, find, save_result, page, show, talk)
     except OutputError:
         if any(kept.folder.glob("*.answer")):
             warn(f"what is answered is kept in {kept.folder}: --resume writes it, once there is room")
         raise
-    kept.end_after(result)
-    return result
-
-
-def _kept_until(lost: LostWorkerError, question: Question) -> Result:
-    """What was answered before nobody was there to work any more; that stops this run. Raises what it is given, if that
-    was nothing."""
-    give_up(Reason.DESERTED)
-    if question.checkpoints is None or asked() is None:
-        raise lost
-    result = answered(question._replace(checkpoints=question.checkpoints._replace(resume=True)))
-    if not result.legs:
-        raise lost
-    warn(str(lost))
+    if not result.unfinished:
+        kept.end()
     return result
 
 

@@ -18,7 +18,7 @@ from cpcal.common.errors import printable, unusable
 from cpcal.common.files import write_file
 from cpcal.common.numbers import at_least, bracket_text, rounded_down, rounded_up
 from cpcal.common.values import Floats
-from cpcal.files import load_campaign, load_campaign_json
+from cpcal.files import load_campaign, load_campaign_json, save_campaign_json
 from cpcal.files.run_folder import ACCURACY, HANDEYE
 from cpcal.files.tables import load_poses
 from cpcal.questions import (
@@ -411,6 +411,7 @@ def accuracy(
     def find(draft: Path) -> questions.Accuracy:
         if refused := refusals(run):
             raise unusable(str(run), f"is refused: {refused[0]}", "certify again")
+        save_campaign_json(campaign, draft)
         return questions.certify_accuracy(
             campaign,
             result,
@@ -431,7 +432,6 @@ def accuracy(
         write_accuracy,
         lambda found: talk.say(headline(found), assumption(found), *sentences(found)),
         talk,
-        campaign,
     )
     over = found.workspace
     lost = found.refuted or any(not pose.proved for pose in found.poses) or (over is not None and over.left_out)

@@ -34,7 +34,6 @@ from cpcal.solver.execution.executors import Place, executor_for
 from cpcal.solver.execution.stopping import asked, heard
 
 if TYPE_CHECKING:
-    from cpcal.robot import Campaign
     from cpcal.solver.optimize.bound import Bracket
     from cpcal.solver.search import Event
 
@@ -324,7 +323,6 @@ def answer(
     page: Callable[[T, Path], Path],
     show: Callable[[T], object],
     talk: Talk,
-    campaign: Campaign | None = None,
 ) -> T:
     """Find an answer, write it and its page into a folder, show it. The functions get a folder aside, for their files.
 
@@ -333,7 +331,7 @@ def answer(
     found = []
     failure, name = None, ""
     try:
-        with answers_into(folder, kind, campaign) as draft:
+        with answers_into(folder, kind) as draft:
             found.append(find(draft))
             save(found[0], draft)
             name = page(found[0], draft).name

@@ -14,13 +14,9 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.files import DRAFT, StrPath, draft_name, exclusive, put_in_place, unwritable
-
-if TYPE_CHECKING:
-    from cpcal.robot import Campaign
 
 LOCK_NAME = ".cpcal-lock"
 _JSON = rb'\s*\{\s*"format":\s*"cpcal-'
@@ -52,11 +48,10 @@ POSE_SETS = FolderKind("sets.csv", (r"[\w.-]+\.pose\.json",))
 
 
 @contextmanager
-def answers_into(folder: StrPath, kind: FolderKind, campaign: Campaign | None = None) -> Iterator[Path]:
+def answers_into(folder: StrPath, kind: FolderKind) -> Iterator[Path]:
     """A folder aside to write into; when the block ends without an error its files replace the older answers.
 
-    Until then the older answers stay. The campaign that they are about goes with them, as campaign.json.
-    Raises InputError when another process writes there, when files are in the way
+    Until then the older answers stay. Raises InputError when another process writes there, when files are in the way
     that cpcal did not write, or when the folder cannot be written.
     """
     target = Path(folder)
@@ -67,10 +62,6 @@ def answers_into(folder: StrPath, kind: FolderKind, campaign: Campaign | None = 
         draft = target / draft_name()
         try:
             draft.mkdir()
-            if campaign is not None:
-                from cpcal.files.folders import save_campaign_json  # here: arrays take a tenth of a second to load
-
-                save_campaign_json(campaign, draft)
             yield draft
             if not held():
                 raise OSError(0, "the folder was taken away while the answers were found")

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor, Future
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from pickle import PicklingError
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from cpcal.common.errors import InputError, refuse, together, unusable
+from cpcal.common.errors import InputError, unusable
 from cpcal.common.files import StrPath, write_file
 from cpcal.common.version import __version__
-from cpcal.files import campaign_sha256
+from cpcal.files import campaign_sha256, save_campaign_json
 from cpcal.files.run_folder import RUN, answers_into
 from cpcal.models import LegModel
-from cpcal.questions.leg import all_or_none, certify_leg
-from cpcal.questions.question import Checkpoints, Progress, Question, beyond_all_legs, question_of
+from cpcal.questions.leg import certify_leg
+from cpcal.questions.question import COMPARED, Progress, Question, checkpoints_of, comparison, question_of
 from cpcal.questions.result import CampaignNote, LegResult, ModelNote, Result, Uncertified
 from cpcal.robot import Campaign
+from cpcal.solver.execution.checkpoint_file import Checkpoints
 from cpcal.solver.execution.executors import (
     Here,
     LostWorkerError,
@@ -45,7 +46,7 @@ LOADS = ("cpcal.questions.ask", "cpcal.solver.numba_begun")  # of workers
 HERE: Place = (Here(), 1)
 
 
-AnsweredLeg = tuple[LegResult, bool, Mapping[str, bytes]]  # whether it was interrupted; what proves it, by its name
+AnsweredLeg = tuple[LegResult, bool, dict[str, bytes]]  # whether it was interrupted; what proves it, by its name
 
 
 def certify(
@@ -133,119 +134,107 @@ def certify(
 
 def _answered_into(question: Question, run: StrPath | None, place: Place, *, resume: bool = False) -> Result:
     """All legs, with certificates in the folder of a run, if there is one."""
-    if run is None:
-        return answered(question, place)
-    with answers_into(run, RUN, question.campaign) as draft:
-        kept = Checkpoints.for_run(Path(run), question, resume=resume)
-        kept.begin()
-        result = answered(question._replace(certificates=draft, checkpoints=kept), place)
-    kept.end_after(result)
+    kept = None if run is None else checkpoints_of(question, Path(run), resume=resume)
+    with nullcontext() if run is None else answers_into(run, RUN) as draft:
+        result = answered(question, place, draft, kept)
+        if draft is not None:
+            save_campaign_json(question.campaign, draft)
+    if kept is not None and not result.unfinished:
+        kept.end()
     return result
 
 
-def answered(question: Question, place: Place = HERE) -> Result:
-    """All legs. Progress is told by work that is done here.
+def answered(
+    question: Question, place: Place = HERE, folder: Path | None = None, kept: Checkpoints | None = None
+) -> Result:
+    """All legs, with certificates in the `folder`, if there is one. Progress is told by work that is done here.
 
-    Of a single one the boxes of its search are the tasks: no process is begun for a search that closes in few boxes.
     When the process is asked to stop, legs not begun are missing.
     Raises LostWorkerError, and InputError for a question that cannot travel to where the work is done.
     """
-    campaign, model, kept = question.campaign, question.model, question.checkpoints
-    numbers = question.options.legs or tuple(range(1, campaign.legs + 1))
-    beyond = beyond_all_legs(question, numbers)
-    if beyond:
-        raise InputError(beyond)
-    earlier = [] if kept is None else [found for leg in numbers if (found := kept.answer(leg)) is not None]
-    done = {leg.leg: with_certificates(question, files, leg) for leg, files in earlier}
-    left = [leg for leg in numbers if leg not in done]
-    if len(left) == 1 and not isinstance(place[0], Here):
-        question, place = question._replace(place=place), HERE
-    executor, most = place
-    here = isinstance(executor, Here)
-    near = isinstance(executor, Here | Processes)  # else perhaps of another machine, without our folders
-    there = question._replace(progress=question.progress if here else None, checkpoints=kept if near else None)
-    interrupted = False
+    done, interrupted = dict[int, LegResult](), False
     try:
-        for number, future in outcomes(executor, most, partial(_aside, there), left):
-            leg, stopped, files = _value(number, future, resumable=kept is not None)
-            done[leg.leg] = leg = with_certificates(question, files, leg)
-            interrupted = interrupted or stopped
-            unfinished = stopped or leg.work.pending or leg.not_certified is Uncertified.UNWRITTEN
-            if kept is not None and not unfinished:
-                kept.keep_answer(leg, files)
-            if question.progress is not None and not here:
-                bracket, work = leg.bracket, leg.work
-                question.progress(leg.leg, Bracket(bracket.lo, bracket.hi, work.nodes, work.programs, work.seconds))
-            if stopped and here:
-                break
+        for leg, stopped, files in _answers(question, place, kept, certified=folder is not None):
+            interrupted |= stopped
+            paths = [] if folder is None else [folder / name for name in files]
+            try:
+                for path, content in zip(paths, files.values(), strict=True):
+                    write_file(path, content)
+            except InputError:  # a full disk costs all certificates of the leg, and no answer
+                for path in paths:
+                    path.unlink(missing_ok=True)
+                named = {name: getattr(leg, name) for name in ("recommended", "passes_from", "reduced", "ranges")}
+                parts = {name: replace(of, certificate=None) for name, of in named.items() if of is not None}
+                bracket = replace(leg.bracket, certificate=None, proofs=(), point_certificate=None)
+                leg = replace(leg, **parts, bracket=bracket, not_certified=Uncertified.UNWRITTEN)
+            done[leg.leg] = leg
     except KeyboardInterrupt:
         interrupted = True
+    campaign, model = question.campaign, question.model
     return Result(
         campaign=CampaignNote(campaign_sha256(campaign), campaign.robot.name, len(campaign)),
         options=question.options,
         model=ModelNote(model.name, model.extra),
         version=__version__,
-        interrupted=interrupted or len(done) < len(numbers),
-        legs=tuple(done[leg] for leg in numbers if leg in done),
+        interrupted=interrupted or len(done) < len(question.legs),
+        legs=tuple(done[leg] for leg in question.legs if leg in done),
     )
 
 
+def _answers(question: Question, place: Place, kept: Checkpoints | None, *, certified: bool) -> Iterator[AnsweredLeg]:
+    """Those that were kept, then the others as they are done and kept.
+
+    Of a single one the boxes of its search are the tasks: no process is begun for a search that closes in few boxes.
+    """
+    left = list(question.legs)
+    for leg, files in [] if kept is None else kept.begin(LegResult):
+        if leg.leg in left:
+            left.remove(leg.leg)
+            yield leg, False, files
+    if len(left) == 1 and not isinstance(place[0], Here):
+        question, place = question._replace(place=place), HERE
+    executor, most = place
+    here = isinstance(executor, Here)
+    there = question._replace(
+        certificates={} if certified else None,
+        progress=question.progress if here else None,
+        # others are perhaps of another machine, without our folders
+        checkpoints=kept if isinstance(executor, Here | Processes) else None,
+    )
+    for number, future in outcomes(executor, most, partial(_aside, there), left):
+        try:
+            leg, stopped, files = future.result()
+        except (PicklingError, AttributeError) as error:
+            if "pickle" not in str(error).lower():
+                raise
+            remedy = "define it in a module that workers can import, or work here: leave out workers"
+            raise unusable("model", f"cannot be sent to other processes ({error})", remedy) from None
+        except LostWorkerError as error:
+            again = "run again" if kept is None else "go on with --resume, which keeps what is answered"
+            raise LostWorkerError(f"leg {number}: {error}; {again}, perhaps with fewer workers") from None
+        if question.progress is not None and not here:
+            bracket, work = leg.bracket, leg.work
+            question.progress(leg.leg, Bracket(bracket.lo, bracket.hi, work.nodes, work.programs, work.seconds))
+        if kept is not None and not (stopped or leg.work.pending or leg.not_certified is Uncertified.UNWRITTEN):
+            kept.keep_answer(leg.leg, leg, files)
+        yield leg, stopped, files
+        if stopped and here:
+            return
+
+
 def _aside(question: Question, leg: int) -> AnsweredLeg:
-    """A leg, its certificates written aside."""
+    """A leg, and the certificates of it alone."""
     reason = asked()
     if reason is not None:
         raise Stopped(reason)
-    with linear_algebra_on_one_thread(), TemporaryDirectory(prefix="cpcal-") as place:
-        folder = Path(place)
-        if question.certificates is not None:
-            question = question._replace(certificates=folder)
-        found, stopped = certify_leg(question, leg)
-        return found, stopped, {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
-
-
-def _value(number: int, future: Future[AnsweredLeg], *, resumable: bool) -> AnsweredLeg:
-    error = future.exception()
-    if isinstance(error, PicklingError | AttributeError) and "pickle" in str(error).lower():
-        remedy = "define it in a module that workers can import, or work here: leave out workers"
-        raise unusable("model", f"cannot be sent to other processes ({error})", remedy)
-    if isinstance(error, LostWorkerError):
-        again = "go on with --resume, which keeps what is answered" if resumable else "run again"
-        raise LostWorkerError(f"leg {number}: {error}; {again}, perhaps with fewer workers")
-    return future.result()
-
-
-def with_certificates(question: Question, files: Mapping[str, bytes], leg: LegResult) -> LegResult:
-    """The leg, its certificates in the folder for them; where they cannot be written it stays, without them."""
-    lost = set()
-    for name, content in files.items():
-        assert question.certificates is not None
-        try:
-            write_file(question.certificates / name, content)
-        except InputError:
-            lost.add(name)
-    bracket = leg.bracket
-    for name in ("recommended", "passes_from", "reduced", "ranges"):
-        of = getattr(leg, name)
-        if of is not None and of.certificate in lost:
-            leg = replace(leg, **{name: replace(of, certificate=None)})
-    if lost.intersection((bracket.certificate, bracket.point_certificate, *bracket.proofs)):
-        kept = all_or_none(question, [None if name in lost else name for name in bracket.proofs])
-        bracket = replace(
-            bracket,
-            certificate=None,
-            proofs=kept,
-            point_certificate=None if bracket.point_certificate in lost else bracket.point_certificate,
-        )
-        left = kept or bracket.point_certificate
-        leg = replace(leg, bracket=bracket, not_certified=Uncertified.NOTHING if left else Uncertified.UNWRITTEN)
-    return leg
+    proofs = None if question.certificates is None else dict[str, bytes]()
+    with linear_algebra_on_one_thread():
+        found, stopped = certify_leg(question._replace(certificates=proofs), leg)
+    return found, stopped, proofs or {}
 
 
 # ------------------------------------------------------------------------------------------------------------------
 # Leg models compared: the same question with each of them, about the same box.
-
-COMPARED = ("plain", "gain", "lateral")
-_CENTERS = ("plain", "nominal")  # the same for all models, whatever their own fits
 
 
 def compare(
@@ -271,34 +260,3 @@ def compare(
             if found[name].interrupted:
                 break
     return found
-
-
-def comparison(
-    campaign: Campaign,
-    models: Sequence[str | LegModel],
-    half_widths: Mapping[str, Mapping[str, float]] | None = None,
-    *,
-    center: str = "plain",
-    **given: Any,
-) -> list[Question]:
-    """What is asked with each of the models. Raises InputError with every problem, PluginError."""
-    names = [model if isinstance(model, str) else model.name for model in models]
-    widths, given = half_widths or {}, {"center": center, "support": "none"} | given
-    listed, centers = ", ".join(names), " or ".join(_CENTERS)
-    _, *questions = together(
-        partial(
-            refuse,
-            (not names, "models", "none is named", f"name some, such as {', '.join(COMPARED)}"),
-            (len(set(names)) < len(names), "models", "one is named twice", "name each once"),
-            *(
-                (name not in names, "half_widths", f"{name!r} is not compared", f"models are {listed}")
-                for name in widths
-            ),
-            (center not in _CENTERS, "center", f"{center!r} is not common to all models", f"use {centers}"),
-        ),
-        *(
-            partial(question_of, campaign, model=model, half_widths=widths.get(name, {}), **given)
-            for name, model in zip(names, models, strict=True)
-        ),
-    )
-    return questions

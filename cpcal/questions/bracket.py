@@ -6,8 +6,6 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
-from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -207,21 +205,21 @@ def searched(
         torn = found.interrupted and not asked()  # by an exception, between any two lines: no stop that was asked for
         if to_claim is None or recording is None or torn or (said := to_claim(found, domain)) is None:
             return Answered(found)
-        name, lost = written(question, file or f"leg{leg.leg}", partial(recording.write, claims=said))
+        name, lost = written(question, file or f"leg{leg.leg}", recording, said)
         return Answered(replace(found, contractors_used=recording.credited(found.contractors_used)), name, lost)
 
 
-def written(question: Question, file: str, write: Callable[[Path], object]) -> tuple[str | None, Uncertified]:
-    """The name of a certificate, once it is written; None where it cannot be, and why."""
+def written(question: Question, file: str, recording: Recording, said: Claims) -> tuple[str | None, Uncertified]:
+    """The name of a certificate, once it is among those of the question; None where it cannot be, and why."""
     assert question.certificates is not None
-    path = question.certificates / f"{file}.cert.jsonl"
+    name = f"{file}.cert.jsonl"
     try:
-        write(path)
+        question.certificates[name] = recording.content(name, said)
     except UncheckableError:
         return None, Uncertified.UNCHECKABLE
     except InputError:
         return None, Uncertified.UNWRITTEN
-    return path.name, Uncertified.NOTHING
+    return name, Uncertified.NOTHING
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -277,7 +275,7 @@ def by_timeout(leg: PreparedLeg, start: Floats, tell: Callable[[Bracket], None] 
             recording, cap = proof or (keep.enter_context(Recording(statement, whole)), whole["eps"].hi)
             point, refuted = None if best is None else best.point, proof is not None
             said = claims(cap, refuted=refuted, lo=cap if refuted else None, point=point)
-            name, lost = written(leg.question, f"leg{leg.leg}", partial(recording.write, claims=said))
+            name, lost = written(leg.question, f"leg{leg.leg}", recording, said)
             uses = uses if proof is None else recording.credited(uses)
     hi, checked = np.inf if best is None else best.value, [t.eps for t in trials if t.checked]
     lo = max(checked, default=0.0) if statement is not None else trials[-1].lo if trials else 0.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -262,9 +261,12 @@ def robust_leg(question: Question, leg: int) -> LegResult:
         if statement is not None:  # of all measurements but those left out
             with Recording(statement, whole.domain) as recording:
                 said = claims_of(replace(best, lo=0.0), whole.domain, "eps") | {"enclosure": None}
-                at_point = written(question, f"leg{leg}.point", partial(recording.write, claims=said))[0]
-    # a family that some choice meets proves nothing, and leaves no files
-    proofs = all_or_none(question, [*(one.certificate for one in supports), *(() if settled else (None,))])
+                at_point = written(question, f"leg{leg}.point", recording, said)[0]
+    proofs = tuple(one.certificate for one in supports if one.certificate is not None)
+    if not settled or len(proofs) < len(supports):  # a family that some choice meets proves nothing
+        for name in proofs:
+            del (question.certificates or {})[name]
+        proofs = ()
     closed = best.witness is not None and best.hi - lo <= 2.0 * max(_BELOW * best.hi, _SMALLEST)
     lost = Uncertified.NOT_ASKED if question.certificates is None else Uncertified.NOTHING_PROVED
     return LegResult(
@@ -312,17 +314,6 @@ def guessed(question: Question, leg: int, center: Floats) -> frozenset[int]:
             break
         without |= {min(trials)[1]}
     return without
-
-
-def all_or_none(question: Question, names: Collection[str | None]) -> tuple[str, ...]:
-    """Certificates that prove something together; none, and no files, where one is missing: the others prove less."""
-    found = tuple(name for name in names if name is not None)
-    if len(found) == len(names):
-        return found
-    for name in found:
-        assert question.certificates is not None
-        (question.certificates / name).unlink()
-    return ()
 
 
 def _others(question: Question, without: frozenset[int]) -> tuple[int, ...] | None:

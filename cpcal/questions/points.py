@@ -117,7 +117,7 @@ def certify_fits(
     """
     check_campaign(campaign, {"calibration record": record.campaign_sha256}, "calibrate again")
     found: Fits = {name: [] for name in _FITS}
-    with answers_into(folder, FITTED, campaign) as draft:
+    with answers_into(folder, FITTED) as draft:
         for name, fits in found.items():
             for leg in sorted(legs or range(1, campaign.legs + 1)):
                 path, values = draft / f"{name}.leg{leg}.cert.jsonl", getattr(record, name).values

@@ -1,10 +1,9 @@
-"""What is asked of every leg alike, and what is kept on disk while it is answered."""
+"""What is asked of every leg alike: checked once, and then only handed down."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -13,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common.codec import decoded, encoded
-from cpcal.common.errors import CpcalError, InputError, Problem, refuse, together
+from cpcal.common.codec import encoded
+from cpcal.common.errors import InputError, refuse, together
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
@@ -29,107 +28,36 @@ from cpcal.models import (
     leg_model,
     leg_network,
 )
-from cpcal.questions.result import LegResult, Options, Result
+from cpcal.questions.result import Options
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
 from cpcal.solver.contract import Limits
-from cpcal.solver.execution.checkpoint_file import garbled, kept, read_checkpoint
+from cpcal.solver.execution.checkpoint_file import FOLDER, Checkpoints
 from cpcal.solver.execution.executors import Place
 from cpcal.solver.optimize.bound import Bracket
-
-# ------------------------------------------------------------------------------------------------------------------
-# What a run of `certify` keeps on disk while it works, so that another one can go on from there.
-#
-# Two files a leg, in the folder `checkpoint` of the run: `legN.answer` once the leg is answered, with its certificates;
-# before that `legN.search`, where its branch and bound stands. Whoever works on the leg writes them.
-
-FOLDER = "checkpoint"
-_LIMITS = {"legs": None, "time_limit": None, "node_limit": None, "tolerance": None}  # change no bracket
-
-
-class Checkpoints(NamedTuple):
-    """The folder, and what its files are of: they are refused for anything else. `resume`: what is there counts."""
-
-    folder: Path
-    of: Mapping[str, str]
-    resume: bool = False
-
-    @classmethod
-    def for_run(cls, run: Path, question: Question, *, resume: bool) -> Checkpoints:
-        """Those in the folder of a run. Limits may change between a run and the one that goes on with it."""
-        campaign, options, model = question.campaign, question.options, question.model
-        asked = replace(options, **_LIMITS) if options.method == "bound" else options  # type: ignore[arg-type]
-        # of a user-defined model its equations count: a function that was edited between two runs keeps its name
-        box, legs = leg_box(np.zeros(len(model.parameters)), 0.0, model), range(1, campaign.legs + 1)
-        equations = [] if built_in(model) else [leg_network(campaign, leg, box, model=model).digest for leg in legs]
-        of = {
-            "version": __version__,
-            "campaign": campaign_sha256(campaign),
-            "options": _digest(encoded(asked)),
-            "model": _digest([encoded((model.name, model.summary, model.extra)), *equations]),
-        }
-        return cls(run / FOLDER, of, resume)
-
-    def begin(self) -> None:
-        """Forget what is there, unless it is to be resumed. Raises InputError when a file there is refused."""
-        if not self.resume:
-            shutil.rmtree(self.folder, ignore_errors=True)
-            return
-        for path in sorted(self.folder.glob("leg*")) if self.folder.is_dir() else []:
-            read_checkpoint(path, {**self.of, "part": path.name})
-
-    def end_after(self, result: Result) -> None:
-        """The result is in its place: what was kept goes, unless a stop or a limit left something to go on with."""
-        if not result.interrupted and not any(self.folder.glob("*.search")):
-            shutil.rmtree(self.folder, ignore_errors=True)
-
-    def answer(self, leg: int) -> tuple[LegResult, dict[str, bytes]] | None:
-        """The leg, if it is answered already, and its certificates. Raises InputError."""
-        path, of = self.part(leg, "answer")
-        if not (self.resume and path.exists()):
-            return None
-        first, *rest = read_checkpoint(path, of)
-        try:
-            files = {str(line["file"]): str(line["text"]).encode() for line in rest}
-            return decoded(LegResult, first["leg"]), files
-        except (KeyError, ValueError, CpcalError) as error:
-            raise garbled(path, error) from None
-
-    def keep_answer(self, leg: LegResult, files: Mapping[str, bytes]) -> None:
-        """The leg is answered: that is kept, and where its search stood no longer matters."""
-        path, of = self.part(leg.leg, "answer")
-        if kept(path, of, [{"leg": encoded(leg)}, *({"file": n, "text": text.decode()} for n, text in files.items())]):
-            self.part(leg.leg, "search")[0].unlink(missing_ok=True)
-
-    def part(self, leg: int, kind: str) -> tuple[Path, dict[str, str]]:
-        """A file, and what it is of."""
-        path = self.folder / f"leg{leg}.{kind}"
-        return path, {**self.of, "part": path.name}
-
-
-def _digest(value: Any) -> str:
-    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# The question itself.
 
 Progress = Callable[[int, Bracket], None]
 
 
 class Question(NamedTuple):
-    """Options, and what they are asked of. `certificates`: the folder for them.
+    """Options, and what they are asked of.
 
-    `checkpoints`: where what is done is kept meanwhile. `place`: where boxes of a search are decided; None: here.
+    certificates  of the leg at work, by the names of their files; None: none are asked for
+    checkpoints   where its search is kept meanwhile
+    place         where boxes of a search are decided; None: here
     """
 
     campaign: Campaign
     options: Options
     model: LegModel = PLAIN
-    certificates: Path | None = None
+    certificates: dict[str, bytes] | None = None
     progress: Progress | None = None
     checkpoints: Checkpoints | None = None
     place: Place | None = None
+
+    @property
+    def legs(self) -> Sequence[int]:
+        return self.options.legs or range(1, self.campaign.legs + 1)
 
     @property
     def limits(self) -> Limits:
@@ -142,6 +70,10 @@ class Question(NamedTuple):
         plain = self.options.center == "plain"
         known = fit_model(self.campaign, leg) if plain else self.campaign.robot.parameters[leg - 1]
         return np.append(known, np.zeros(len(self.model.extra)))
+
+
+COMPARED = ("plain", "gain", "lateral")
+_CENTERS = ("plain", "nominal")  # the same for all models, whatever their own fits
 
 
 def question_of(campaign: Campaign, *, progress: Progress | None = None, **given: Any) -> Question:
@@ -170,7 +102,18 @@ def question_of(campaign: Campaign, *, progress: Progress | None = None, **given
         partial(Options, **given | {"model": wanted.name if isinstance(wanted, LegModel) else wanted}),
     )
     plugins.check_names(options.contractors)
-    return Question(campaign=campaign, options=options, model=model, progress=progress)
+    question = Question(campaign=campaign, options=options, model=model, progress=progress)
+    asked = {what: error for what in ("eps", "tolerance") if (error := getattr(options, what)) is not None}
+    longest = {leg: float(question.center(leg)[6]) + options.delta for leg in question.legs} if asked else {}
+    beyond = [
+        problem
+        for what, error in asked.items()
+        for leg, offset in longest.items()
+        for problem in beyond_legs(campaign, leg, offset, error, what)
+    ]
+    if beyond:
+        raise InputError(beyond)
+    return question
 
 
 def chosen_model(
@@ -191,14 +134,53 @@ def chosen_model(
     return found.within(widths)
 
 
-def beyond_all_legs(question: Question, legs: Sequence[int]) -> list[Problem]:
-    """An eps or a tolerance that is as large as the legs are long with any parameters of the box."""
-    asked = {"eps": question.options.eps, "tolerance": question.options.tolerance}
-    given = {what: error for what, error in asked.items() if error is not None}
-    largest = {leg: float(question.center(leg)[6]) + question.options.delta for leg in legs} if given else {}
-    return [
-        problem
-        for what, error in given.items()
-        for leg, offset in largest.items()
-        for problem in beyond_legs(question.campaign, leg, offset, error, what)
-    ]
+def comparison(
+    campaign: Campaign,
+    models: Sequence[str | LegModel],
+    half_widths: Mapping[str, Mapping[str, float]] | None = None,
+    *,
+    center: str = "plain",
+    **given: Any,
+) -> list[Question]:
+    """What is asked with each of the models. Raises InputError with every problem, PluginError."""
+    names = [model if isinstance(model, str) else model.name for model in models]
+    widths, given = half_widths or {}, {"center": center, "support": "none"} | given
+    listed, centers = ", ".join(names), " or ".join(_CENTERS)
+    _, *questions = together(
+        partial(
+            refuse,
+            (not names, "models", "none is named", f"name some, such as {', '.join(COMPARED)}"),
+            (len(set(names)) < len(names), "models", "one is named twice", "name each once"),
+            *(
+                (name not in names, "half_widths", f"{name!r} is not compared", f"models are {listed}")
+                for name in widths
+            ),
+            (center not in _CENTERS, "center", f"{center!r} is not common to all models", f"use {centers}"),
+        ),
+        *(
+            partial(question_of, campaign, model=model, half_widths=widths.get(name, {}), **given)
+            for name, model in zip(names, models, strict=True)
+        ),
+    )
+    return questions
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# What the checkpoints of a run are of.
+
+_LIMITS = {"legs": None, "time_limit": None, "node_limit": None, "tolerance": None}  # change no bracket
+
+
+def checkpoints_of(question: Question, run: Path, *, resume: bool) -> Checkpoints:
+    """Those in the folder of a run. Limits may change between a run and the one that goes on with it."""
+    campaign, options, model = question.campaign, question.options, question.model
+    asked = replace(options, **_LIMITS) if options.method == "bound" else options  # type: ignore[arg-type]
+    # of a user-defined model its equations count: a function that was edited between two runs keeps its name
+    box, legs = leg_box(np.zeros(len(model.parameters)), 0.0, model), range(1, campaign.legs + 1)
+    equations = [] if built_in(model) else [leg_network(campaign, leg, box, model=model).digest for leg in legs]
+    parts = {"options": encoded(asked), "model": [encoded((model.name, model.summary, model.extra)), *equations]}
+    digests = {
+        name: hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest() for name, value in parts.items()
+    }
+    of = {"version": __version__, "campaign": campaign_sha256(campaign), **digests}
+    return Checkpoints(run / FOLDER, of, resume)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -116,8 +116,8 @@ class _Leg:
             return None
         at, names = np.append(x, eps), (*self._question.model.parameters, "eps")
         with Recording(self._statement, Box(names, at, at)) as recording:
-            write = partial(recording.write, claims=claims(eps, point=at, factor=factor))
-            return written(self._question, f"leg{self._leg}.{name}", write)[0]
+            said = claims(eps, point=at, factor=factor)
+            return written(self._question, f"leg{self._leg}.{name}", recording, said)[0]
 
     @cached_property
     def tightest(self) -> Floats:

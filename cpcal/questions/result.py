@@ -495,6 +495,11 @@ class Result:
     interrupted: Informed[bool] = False
     legs: tuple[LegResult, ...]
 
+    @property
+    def unfinished(self) -> bool:
+        """Whether a stop, or a full disk, left something to go on with."""
+        return self.interrupted or any(leg.not_certified is Uncertified.UNWRITTEN for leg in self.legs)
+
     def __post_init__(self) -> None:
         if len({leg.leg for leg in self.legs}) < len(self.legs):
             raise ValueError("a leg is there twice")

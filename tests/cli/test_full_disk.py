@@ -9,9 +9,8 @@ import pytest
 import cpcal
 from cpcal.common.errors import OutputError
 from cpcal.common.files import draft_name, unwritable
-from cpcal.questions import Uncertified
-from cpcal.questions.question import FOLDER
-from cpcal.solver.certificate.recording import Recording
+from cpcal.questions import Uncertified, ask
+from cpcal.solver.execution.checkpoint_file import FOLDER
 from tests.cli.command import run
 
 OPTIONS = ["--legs", "1,2", "--delta", "0.5"]
@@ -50,6 +49,10 @@ class Full(StringIO):
         raise OSError(28, "No space left on device")
 
 
+def full(path, content):
+    raise unwritable(path, OSError(28, "No space left on device"))
+
+
 @pytest.mark.parametrize("what", ["steps", "certificate"])
 def test_a_certificate_that_cannot_be_written_costs_no_answer(small, tmp_path, monkeypatch, what):
     measured = cpcal.load_campaign(small)
@@ -60,7 +63,7 @@ def test_a_certificate_that_cannot_be_written_costs_no_answer(small, tmp_path, m
             tempfile, "TemporaryFile", lambda mode="w+b", **given: Full() if mode == "w+" else there(mode, **given)
         )
     else:
-        monkeypatch.setattr(Recording, "_useful_steps", lambda *_: Full().write(""))
+        monkeypatch.setattr(ask, "write_file", full)
     leg = cpcal.certify(measured, legs=[2], delta=0.5, certificates=tmp_path / "full").legs[0]
     assert (leg.bracket.lo, leg.bracket.hi, leg.bracket.point) == (
         whole.bracket.lo,

@@ -9,13 +9,13 @@ import pytest
 
 import cpcal
 from cpcal.checker import check, check_run
-from cpcal.common.errors import InputError
+from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import write_file
-from cpcal.questions import ask, verdict_of
+from cpcal.questions import Uncertified, ask, verdict_of
 from cpcal.questions import leg as robust
-from cpcal.questions.leg import all_or_none
 from cpcal.robot import Robot
 from cpcal.simulate import simulate
+from cpcal.solver.certificate.recording import Recording, UncheckableError
 from cpcal.solver.optimize.bound import hitting_set
 
 
@@ -89,13 +89,19 @@ def test_without_a_point_nothing_is_called_wrong_and_nothing_passes(tmp_path):
     assert (checked.refused, checked.robust) == (None, None)
 
 
-def test_proofs_of_which_one_is_missing_leave_no_files(tmp_path):
-    for name in ("a", "b"):
-        (tmp_path / name).write_text("{}")
-    folder = SimpleNamespace(certificates=tmp_path)
-    assert all_or_none(folder, ["a", "b"]) == ("a", "b")
-    assert all_or_none(folder, ["a", None, "b"]) == ()
-    assert not list(tmp_path.iterdir())
+def test_proofs_of_which_one_is_missing_leave_no_files(tmp_path, monkeypatch):
+    whole = Recording.content
+
+    def content(recording, name, claims):
+        if name == "leg1.002.cert.jsonl":
+            raise UncheckableError([Problem(name, "would be refused", "")])
+        return whole(recording, name, claims)
+
+    monkeypatch.setattr(Recording, "content", content)
+    leg = asked_of(tmp_path)
+    assert leg.bracket.proofs == ()
+    assert leg.bracket.point_certificate is not None
+    assert not list(tmp_path.glob("leg1.0*"))
 
 
 def test_the_bracket_is_that_of_the_best_choice_among_all():
@@ -131,16 +137,22 @@ def test_a_hitting_set_meets_every_set_and_none_is_missed():
             assert all(found & one for one in family)
 
 
-def test_a_proof_that_cannot_be_written_takes_the_others_with_it(tmp_path, monkeypatch):
+def test_a_proof_that_cannot_be_written_takes_the_others_with_it_until_there_is_room(tmp_path, monkeypatch):
     def full(path, content):
         if path.name.endswith(".001.cert.jsonl"):
             raise InputError([])
         return write_file(path, content)
 
-    monkeypatch.setattr(ask, "write_file", full)
-    leg = asked_of(tmp_path, delta=2.0)
-    assert (leg.bracket.proofs, leg.not_certified) == ((), "")
-    others = {leg.recommended.certificate, leg.passes_from.certificate}
-    assert {path.name for path in tmp_path.glob("*.cert.jsonl")} == {leg.bracket.point_certificate, *others}
+    with monkeypatch.context() as disk:
+        disk.setattr(ask, "write_file", full)
+        leg = asked_of(tmp_path, delta=2.0)
+    assert (leg.certified, leg.not_certified) == (False, Uncertified.UNWRITTEN)
+    assert not list(tmp_path.glob("*.cert.jsonl"))
+    again = asked_of(tmp_path, delta=2.0, resume=True)
+    assert (again.bracket.lo, again.bracket.hi) == (leg.bracket.lo, leg.bracket.hi)
     (checked,) = check_run(tmp_path)
-    assert (checked.refused, checked.robust.lo, float(checked.robust.hi)) == (None, None, leg.bracket.hi)
+    assert (checked.refused, float(checked.robust.lo), float(checked.robust.hi)) == (
+        None,
+        leg.bracket.lo,
+        leg.bracket.hi,
+    )

@@ -7,8 +7,8 @@ import pytest
 
 import cpcal
 from cpcal.common.errors import InputError
-from cpcal.questions.question import FOLDER
 from cpcal.solver.certificate.recording import SearchKeeper
+from cpcal.solver.execution.checkpoint_file import FOLDER
 from cpcal.solver.execution.stopping import Reason, also_asked_by, heard
 
 OPTIONS = {"legs": [2, 3], "delta": 200.0}

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
 from functools import partial
-from io import StringIO
+from io import BytesIO, StringIO
 from pathlib import Path
 from typing import IO, BinaryIO
 
@@ -179,23 +178,25 @@ class Recording(AbstractContextManager["Recording"]):
             self._written[contractor] += len(step["bounds"]) if kind == "pass" else 1
             yield step
 
-    def write(self, path: StrPath, claims: Claims) -> Path:
-        """The certificate, all or nothing. Raises UncheckableError where the checker would refuse it, InputError where
-        it cannot be written, or its steps could not."""
+    def content(self, name: str, claims: Claims) -> bytes:
+        """The certificate, for a file of that name. Raises UncheckableError where the checker would refuse it,
+        InputError where its steps could not be kept."""
         if not self.whole:
             assert self._lost is not None
             what = f"no room for the steps of a proof ({self._lost.strerror or self._lost})"
-            raise InputError([errors.Problem(Path(path).name, what, _ROOM)])
-        problem = self._statement.problem
-        claims = with_readings(problem, claims)
-        cap = None if claims["cap"] is None else float.fromhex(claims["cap"])
-        with replacing(path) as out, tempfile.TemporaryFile() as whole:
-            whole.writelines(line(first).encode() for first in self._statement.header(self._domain))
-            whole.write(line(claims).encode())
-            whole.writelines(line(step).encode() for step in self._useful_steps(cap))
-            check_affordable(Path(path).name, whole, problem, self._domain, claims)
-            whole.seek(0)
-            shutil.copyfileobj(whole, out)
+            raise InputError([errors.Problem(name, what, _ROOM)])
+        claims = with_readings(self.problem, claims)
+        cap, whole = None if claims["cap"] is None else float.fromhex(claims["cap"]), BytesIO()
+        whole.writelines(line(first).encode() for first in self._statement.header(self._domain))
+        whole.write(line(claims).encode())
+        whole.writelines(line(step).encode() for step in self._useful_steps(cap))
+        check_affordable(name, whole, self.problem, self._domain, claims)
+        return whole.getvalue()
+
+    def write(self, path: StrPath, claims: Claims) -> Path:
+        """The certificate, all or nothing. Raises as `content` does, and InputError where it cannot be written."""
+        with replacing(path) as out:
+            out.write(self.content(Path(path).name, claims))
         return Path(path)
 
 

@@ -13,13 +13,15 @@ import gzip
 import hashlib
 import json
 import logging
+import shutil
 import time
 import zlib
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
+from cpcal.common.codec import decoded, encoded
 from cpcal.common.errors import CpcalError, InputError, unusable
 from cpcal.common.files import StrPath, replacing, unwritable
 
@@ -140,6 +142,58 @@ def kept(path: Path, of: Mapping[str, str], lines: Iterable[Line]) -> bool:
 def garbled(path: Path, error: Exception) -> InputError:
     """What to raise for a checkpoint that is whole, and still says nothing that can be gone on with."""
     return _refused(path, f"lacks or garbles something ({error})")
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# What a run keeps on disk while it works, so that another one can go on from there.
+#
+# Two files a leg, in the folder `checkpoint` of the run: `legN.answer` once the leg is answered, with its certificates;
+# before that `legN.search`, where its branch and bound stands. Whoever works on the leg writes that one.
+
+FOLDER = "checkpoint"
+
+
+class Checkpoints(NamedTuple):
+    """The folder, and what its files are of: they are refused for anything else. `resume`: what is there counts."""
+
+    folder: Path
+    of: Mapping[str, str]
+    resume: bool = False
+
+    def begin(self, kind: type[T]) -> list[tuple[T, dict[str, bytes]]]:
+        """Forget what is there; or, to be resumed: the answers of legs that have one, each with its certificates.
+
+        Raises InputError when a file there is refused.
+        """
+        found = []
+        if not self.resume:
+            shutil.rmtree(self.folder, ignore_errors=True)
+        for path in sorted(self.folder.glob("leg*")) if self.folder.is_dir() else []:
+            lines = read_checkpoint(path, {**self.of, "part": path.name})
+            try:
+                if path.suffix == ".answer":
+                    files = {str(line["file"]): str(line["text"]).encode() for line in lines[1:]}
+                    found.append((decoded(kind, lines[0]["leg"]), files))
+            except (KeyError, IndexError, ValueError, CpcalError) as error:
+                raise garbled(path, error) from None
+        return found
+
+    def end(self) -> None:
+        """The result is in its place: what was kept goes, unless a limit left a search to go on with."""
+        if not any(self.folder.glob("*.search")):
+            shutil.rmtree(self.folder, ignore_errors=True)
+
+    def part(self, leg: int, kind: str) -> tuple[Path, dict[str, str]]:
+        """A file, and what it is of."""
+        path = self.folder / f"leg{leg}.{kind}"
+        return path, {**self.of, "part": path.name}
+
+    def keep_answer(self, leg: int, answer: object, files: Mapping[str, bytes]) -> None:
+        """The leg is answered: that is kept, and where its search stood no longer matters."""
+        (path, of), (search, _) = self.part(leg, "answer"), self.part(leg, "search")
+        texts = ({"file": name, "text": text.decode()} for name, text in files.items())
+        if kept(path, of, [{"leg": encoded(answer)}, *texts]):
+            search.unlink(missing_ok=True)
 
 
 @cache

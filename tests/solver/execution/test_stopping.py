@@ -84,7 +84,7 @@ def stopped_after(campaign, looks, folder):
     folder.mkdir()
     save_campaign_json(campaign, folder)
     with heard(), also_asked_by(source):
-        return answered(question_of(campaign, delta=0.5, legs=[1, 2])._replace(certificates=folder)), count
+        return answered(question_of(campaign, delta=0.5, legs=[1, 2]), folder=folder), count
 
 
 def test_whenever_it_is_asked_a_leg_that_is_answered_stays_and_has_its_certificate(campaign, tmp_path):
