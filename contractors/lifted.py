@@ -18,7 +18,7 @@ from contractors.relaxation import Relaxation, Structure
 from cpcal.solver.contract import Composable, Contraction, StepWeights
 from cpcal.solver.existence import reads
 from cpcal.solver.interval import Box, Floats, Indices, IntervalArray
-from cpcal.solver.linear import LinearSolution, LinearStatus, Programs, lower_bound
+from cpcal.solver.linear import LinearSolution, LinearStatus, Programs
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted
 from cpcal.solver.network.polynomial import PolynomialForms
@@ -197,28 +197,24 @@ class LiftedPrograms(Programs):
     # proofs ---------------------------------------------------------------------------------------------
 
     def lowest(self, objective: Floats, solution: LinearSolution) -> float:
-        r = self.relaxation
-        return lower_bound(r.matrix, r.rhs, solution.rows, solution.multipliers, objective, r.bounds)
+        return solution.lowest  # of the objective that it was asked for: the program's numbers are exact
 
     def reached(self, variable: int, side: str, solution: LinearSolution) -> float:
         sign = 1.0 if side == "lo" else -1.0
-        lowest = self.lowest(self.unit(variable, sign), solution)
-        if not -1.0 < lowest < np.inf:
+        if not -1.0 < solution.lowest < np.inf:
             return math.nan
-        return self.relaxation.value(variable, sign * lowest)[0 if side == "lo" else 1]
+        return self.relaxation.value(variable, sign * solution.lowest)[0 if side == "lo" else 1]
 
     def carriers(self, solution: LinearSolution) -> tuple[tuple[tuple[int, int], ...], StepWeights]:
         """Products of more than two variables, which no certificate has, are left out: the others prove less."""
-        r, first = self.relaxation, len(self.relaxation.products)
-        rows = []
-        pairs = []
-        tangents = []
+        products, kept, scales = self._told
+        names, forms, first = self.structure.names, self.structure.products.forms, len(products)
+        rows, pairs, tangents = [], [], []
         for row, weight in zip(solution.rows.tolist(), solution.multipliers.tolist(), strict=True):
             if row >= first:
-                name, scale = self._kept[row - first]
-                rows.append((*name, weight * scale))
+                rows.append((*names[kept[row - first]], weight * scales[row - first]))
                 continue
-            form = self.structure.products.forms[r.products[row]]
+            form = forms[products[row]]
             if form is not None and len(form) == 4:
                 pairs.append((*form, weight))
             elif form is not None:
@@ -226,10 +222,11 @@ class LiftedPrograms(Programs):
         return tuple([(c, k) for c, _, k, _ in rows]), StepWeights(tuple(rows), tuple(pairs), tuple(tangents))
 
     @cached_property
-    def _kept(self) -> list[tuple[tuple[int, int, int], float]]:
-        """The names of the system's rows, and what a multiplier of each is one of the system's row times."""
+    def _told(self) -> tuple[list[int], list[int], list[float]]:
+        """The products and the system's rows, and what a multiplier of each of these is one of the system's row
+        times."""
         r = self.relaxation
-        return list(zip(self.structure.names(r.kept), np.ldexp(1.0, -r.exponents).tolist(), strict=True))
+        return r.products.tolist(), r.kept.tolist(), np.ldexp(1.0, -r.exponents).tolist()
 
 
 class Lifted(Composable):

@@ -20,7 +20,7 @@ from contractors.lifted import LiftedPrograms, Structures
 from contractors.relaxation import Relaxation
 from cpcal.solver.contract import Composable, Contraction, Step
 from cpcal.solver.interval import Box, Floats, Indices
-from cpcal.solver.linear import LinearSolution, LinearStatus
+from cpcal.solver.linear import LinearSolution, LinearStatus, lower_bound
 from cpcal.solver.network import ConstraintNetwork, PolynomialSystem
 
 _OPPOSITE = -0.5  # cosine between the coefficients of two rows, below which they bound one expression from both sides
@@ -90,7 +90,9 @@ class Regression(Composable):
                 rows, own = rows[own > 0.0], own[own > 0.0]
                 multipliers = np.ldexp(own, r.exponents[rows])
                 nowhere = np.zeros(programs.size)  # no program was solved
-                proposed = LinearSolution(LinearStatus.OPTIMAL, nowhere, rows + len(r.products), multipliers)
+                carrying, aim = rows + len(r.products), programs.unit(variable, 1.0 if side == "lo" else -1.0)
+                lowest = lower_bound(r.matrix, r.rhs, carrying, multipliers, aim, r.bounds)
+                proposed = LinearSolution(LinearStatus.OPTIMAL, nowhere, carrying, multipliers, lowest)
                 step = programs.bound(variable, side, proposed)
                 if step is not None:
                     yield step

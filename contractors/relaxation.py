@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import comb
 from typing import NamedTuple
 
@@ -346,9 +346,10 @@ class Structure:
         """The monomials that get a column on a box; `highest`: their largest coefficients in the rows there are."""
         return np.asarray(self._divisors[self.used & (self.linear | (highest > 0.0))].any(axis=0))
 
-    def names(self, rows: Indices) -> list[tuple[int, int, int]]:
-        """Constraint, part and element of some rows."""
-        origin, part = self.system.origin[rows].tolist(), self.system.part[rows].tolist()
+    @cached_property
+    def names(self) -> list[tuple[int, int, int]]:
+        """Constraint, part and element of every row."""
+        origin, part = self.system.origin.tolist(), self.system.part.tolist()
         return [(c, p, k) for (c, k), p in zip(origin, part, strict=True)]
 
 

@@ -29,13 +29,14 @@ class LinearSolution(NamedTuple):
     """Approximate answer to `min c.z : matrix z <= rhs, lower <= z <= upper`.
 
     `rows` (k,) are those with a multiplier, `multipliers` (k,) > 0 theirs: few. With status INFEASIBLE they are a
-    Farkas ray.
+    Farkas ray. `lowest`: what they prove of the objective (of a ray: of 0) where the program's numbers are exact.
     """
 
     status: LinearStatus
     point: Floats  # (columns,)
     rows: Indices
     multipliers: Floats
+    lowest: float = -math.inf
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -596,6 +597,23 @@ _QUICK = 30_000  # coefficients, up to which all programs of a box are solved be
 _WORTHWHILE = 1e-3  # a bound that some vertex already meets to this (in [-1, 1]) needs no program
 
 
+_WAITING, _LEFT_OUT = -1, 3  # beside the statuses of programs that were solved
+
+
+@compiled
+def _next(status: Indices, objectives: Floats, point: Floats) -> int:
+    """The waiting program whose objective is least at a point: from there it takes the fewest pivots."""
+    best, found = np.inf, 0
+    for k in range(status.size):
+        if status[k] == _WAITING:
+            value = 0.0
+            for j in range(point.size):
+                value += objectives[k, j] * point[j]
+            if value < best:
+                best, found = value, k
+    return int(found)
+
+
 @compiled
 def _solved(
     v: Vertex,
@@ -605,28 +623,33 @@ def _solved(
     near: Indices,
     pivots: int,
     fresh: bool,
-    k: int,
+    done: int,
     last: int,
     reach: Floats,
     status: Indices,
+    order: Indices,
     points: Floats,
     count: Indices,
     carrying: Indices,
     weights: Floats,
+    lowest: Floats,
 ) -> int:
-    """`minimise` for the objectives (P, n) from number k on, before `last`; ends behind one that is not OPTIMAL.
+    """`minimise` for the objectives (P, n), number 0 first, until `last` of them are `done`, or one is not OPTIMAL.
 
-    From the box alone where the vertex is not of this polyhedron (`fresh`). Number k is left out, with -1 rows, where a
-    vertex before is next to the bound that it asks about: column `near[k]` at -1 or, where its objective falls, 1.
-    `reach` (2, n): the lowest and the highest of all vertices. `points` (P, n) are the vertices; the rows with a
-    multiplier go into `carrying`, their multipliers into `weights` (both (P, n + 1)).
+    From the box alone where the vertex is not of this polyhedron (`fresh`). One is left out where a vertex before is
+    next to the bound that it asks about: column `near[k]` at -1 or, where its objective falls, 1. `order` says which
+    are done, in turn. `reach` (2, n): the lowest and the highest of all vertices. `points` (P, n) are the vertices; the
+    rows with a multiplier go into `carrying`, their multipliers into `weights` (both (P, n + 1)), `count` of them, and
+    what they prove into `lowest`.
     """
     n = v.point.size
-    while k < last:
+    while done < last:
+        k = _next(status, objectives, v.point) if done > 0 else 0
+        order[done] = k
+        done += 1
         objective, j = objectives[k], near[k]
         if j >= 0 and (reach[0, j] if objective[j] > 0.0 else -reach[1, j]) < -1.0 + _WORTHWHILE:
-            count[k] = -1
-            k += 1
+            status[k] = _LEFT_OUT
             continue
         if fresh:
             to_box(v, objective)
@@ -647,11 +670,12 @@ def _solved(
             if status[k] == INFEASIBLE and v.counters[3] >= 0:
                 carrying[k, size], weights[k, size] = v.number[v.counters[3]], 1.0
                 size += 1
+            objective = np.zeros(n)
+        lowest[k] = _bound(columns, rhs, carrying[k, :size], weights[k, :size], objective, v.lower, v.upper)
         count[k] = size
-        k += 1
-        if status[k - 1] != OPTIMAL:
+        if status[k] != OPTIMAL:
             break
-    return k
+    return done
 
 
 class Dense:
@@ -693,35 +717,36 @@ class Dense:
     def each(
         self, objectives: Floats, near: Indices, deadline: float = math.inf
     ) -> Iterator[tuple[int, LinearSolution]]:
-        """The numbers of the objectives (P, n) and the solutions, in order; none begins after the `deadline`.
+        """The numbers of the objectives (P, n) and the solutions; none begins after the `deadline`.
 
-        Objective k is the column `near[k]` or its negative (-1: neither); it is left out where a vertex before lies
-        next to its least value in [-1, 1].
+        Number 0 comes first, then each time the one that the vertex before is nearest to. Objective k is the column
+        `near[k]` or its negative (-1: neither); it is left out where a vertex before lies next to its least value in
+        [-1, 1].
         """
         count, n = objectives.shape
         reach = np.repeat([[np.inf], [-np.inf]], n, axis=1)
-        (status, sizes), points = np.zeros((2, count), np.intp), np.empty((count, n))
+        (order, sizes), status = np.zeros((2, count), np.intp), np.full(count, _WAITING)
+        points, lowest = np.empty((count, n)), np.empty(count)
         rows, weights = np.empty((count, n + 1), np.intp), np.empty((count, n + 1))
-        program = self._vertex, self._columns, self._rhs, objectives, near
-        out = status, points, sizes, rows, weights
+        program = self._vertex, self._columns, self._rhs, objectives, near, _PIVOTS * n
+        out: tuple[Any, ...] = (status, order, points, sizes, rows, weights, lowest)
         together = count if self._columns.size <= _QUICK else 1
-        start = 0
-        while start < count and not time.monotonic() > deadline:
-            end = _solved(*program, _PIVOTS * n, self._fresh, start, min(start + together, count), reach, *out)
-            self._fresh = bool(status[end - 1] == FAILED)
-            for k in range(start, end):
-                if sizes[k] < 0:
+        done = 0
+        while done < count and not time.monotonic() > deadline:
+            before, done = done, _solved(*program, self._fresh, done, min(done + together, count), reach, *out)
+            self._fresh = bool(status[order[done - 1]] == FAILED)
+            for k in np.sort(order[before:done]).tolist():
+                if status[k] == _LEFT_OUT:
                     continue
                 if status[k] != FAILED:
-                    said = LinearStatus(int(status[k]))
-                    yield k, LinearSolution(said, points[k], rows[k, : sizes[k]], weights[k, : sizes[k]])
+                    said, carrying = LinearStatus(int(status[k])), slice(int(sizes[k]))
+                    yield k, LinearSolution(said, points[k], rows[k, carrying], weights[k, carrying], float(lowest[k]))
                     continue
                 solution = self._by_highs(objectives[k])
                 if solution.status is LinearStatus.OPTIMAL:
                     np.minimum(reach[0], solution.point, out=reach[0])
                     np.maximum(reach[1], solution.point, out=reach[1])
                 yield k, solution
-            start = end
 
     def _by_highs(self, objective: Floats) -> LinearSolution:
         """Where there is no point, `min t : rows z <= rhs + t`, whose multipliers are a Farkas ray."""
@@ -741,7 +766,10 @@ class Dense:
             if found.status == 0:
                 weights = -np.asarray(found.ineqlin.marginals)
                 carrying = np.flatnonzero(weights > 0.0)
-                return LinearSolution(status, np.asarray(found.x[:n]), carrying, weights[carrying])
+                aim = objective if status is LinearStatus.OPTIMAL else np.zeros(n)
+                multipliers, (lower, upper) = weights[carrying], bounds.T
+                lowest = lower_bound(rows, self._rhs, carrying, multipliers, aim, IntervalArray(lower, upper))
+                return LinearSolution(status, np.asarray(found.x[:n]), carrying, multipliers, lowest)
         return LinearSolution(LinearStatus.FAILED, np.zeros(n), np.zeros(0, np.intp), np.zeros(0))
 
 
@@ -807,8 +835,8 @@ class Programs(ABC):
         if first is not None and first in self.columns and radius[first] != 0.0:
             order = [(first, "lo"), *order, (first, "hi")]  # the vertices before mostly meet the upper bound
         near = np.array([self.columns[v] for v, _ in order], np.intp)
-        asked = [self.unit(v, 1.0 if side == "lo" else -1.0) for v, side in order]
-        objectives = np.array(asked).reshape(len(order), self.size)
+        objectives = np.zeros((len(order), self.size))
+        objectives[np.arange(len(order)), near] = [1.0 if side == "lo" else -1.0 for _, side in order]
         for k, solution in self.engine.each(objectives, near, deadline):
             (variable, side), count = order[k], count + 1
             proof = self.empty(solution) if solution.status is LinearStatus.INFEASIBLE else None

@@ -145,7 +145,10 @@ def contradictions(seed: int, solver: type[Dense] = Dense) -> tuple[list[str], i
         solution = engine.minimize(objective)
         rows, y = solution.rows, solution.multipliers
         bound = lower_bound(case.matrix, case.rhs, rows, y, objective, columns)
-        empty = lower_bound(case.matrix, case.rhs, rows, y, nothing, columns) > 0.0
+        of_nothing = lower_bound(case.matrix, case.rhs, rows, y, nothing, columns)
+        empty = of_nothing > 0.0
+        said = {LinearStatus.OPTIMAL: bound, LinearStatus.INFEASIBLE: of_nothing}
+        assert solution.lowest == said.get(solution.status, -np.inf)
         if exact is not None and (empty or F(bound) > exact):
             wrong.append(f"program {seed} ({case.kind}): {bound} where the optimum is {float(exact)}")
         close = exact is not None and float(exact) - bound <= 1e-6 * max(1.0, float(np.abs(case.upper).max()))
