@@ -24,11 +24,6 @@ def demo(tmp_path_factory):
     return folder, outcome
 
 
-def fits_in(folder):
-    campaign, accepted = cpcal.load_campaign(folder / "campaign"), checked_certificates(folder / "fits")
-    return fits_of(folder / "fits", campaign, [6], accepted)
-
-
 def test_it_goes_the_whole_way(demo):
     folder, outcome = demo
     assert outcome.exit_code == 0, outcome.stderr
@@ -50,7 +45,8 @@ def test_the_model_is_refuted_and_both_methods_agree(demo):
     assert leg.bracket.lo > 0.0
     assert timed.bracket.lo <= leg.bracket.hi
     assert leg.bracket.lo <= timed.bracket.hi
-    for verified in fits_in(folder).values():
+    campaign, accepted = cpcal.load_campaign(folder / "campaign"), checked_certificates(folder / "fits")
+    for verified in fits_of(folder / "fits", campaign, [6], accepted).values():
         assert verified[0].verified.verdict is cpcal.Verdict.REFUTED
     written = sum(len(list((folder / part).glob("*.cert.jsonl"))) for part in ("fits", "run"))
     for text in (

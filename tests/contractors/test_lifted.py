@@ -94,16 +94,13 @@ def test_rows_made_before_are_used_again_only_where_the_same_ends_of_the_reading
         np.testing.assert_array_equal(one.hi, other.hi)
 
 
-def dot(direction, point):
-    return sum(Fraction(d) * Fraction(x) for d, x in zip(direction, point, strict=True))
-
-
 def holds(directions, bounds, point):
     """Whether every half-space holds a point, decided over the rationals wherever float64 could be wrong."""
     directions, bounds, point = np.asarray(directions), np.asarray(bounds), np.asarray(point)
     doubt = 1e-12 * (np.abs(directions) @ np.abs(point)) + 1e-300
     near = np.flatnonzero(directions @ point + doubt > bounds)
-    return all(dot(directions[k], point) <= Fraction(bounds[k]) for k in near)
+    exact = (sum(Fraction(d) * Fraction(x) for d, x in zip(directions[k], point, strict=True)) for k in near)
+    return all(value <= Fraction(bounds[k]) for value, k in zip(exact, near, strict=True))
 
 
 def test_a_strip_is_much_thinner_than_its_box() -> None:

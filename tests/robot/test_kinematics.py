@@ -122,14 +122,9 @@ def test_rotation_vectors_come_back_and_small_rotations_are_theirs_up_to_a_twelf
     assert_allclose(rotation_vector(small_rotation(small)), small * (1 - small @ small / 12), rtol=1e-9, atol=1e-300)
 
 
-def campaign_of(name, **options):
-    known = known_robot(name)
-    where = {"stroke": known.stroke} if known.workspace is None else {"workspace": known.workspace}
-    return simulate(known.robot, **where, **options)
-
-
 def test_what_a_planar_robot_cannot_do_is_fixed_and_exact():
-    campaign = campaign_of("planar-3rpr", seed=2, random_poses=30)
+    known = known_robot("planar-3rpr")
+    campaign = simulate(known.robot, workspace=known.workspace, seed=2, random_poses=30)
     assert len(campaign) == 38
     assert not campaign.position[:, 2].any()
     assert not campaign.quaternion[:, 1:3].any()

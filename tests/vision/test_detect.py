@@ -31,11 +31,6 @@ from cpcal.vision.target import DELTALAB_TARGET
 pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
 
 
-def _rest(rendered, chosen):
-    poses = Pose(rendered.poses.position[chosen], rendered.poses.quaternion[chosen])
-    return poses, rendered.target, rendered.camera, rendered.scene, rendered.seed
-
-
 BAD = {
     "bad/empty.png": "is empty", "bad/text.jpg": "cannot be read", "bad/black.png": "not identified",
     "bad/white.png": "not identified", "bad/noise.png": "not identified",
@@ -148,7 +143,8 @@ def test_what_fails_unexpectedly_is_told_and_tried_again(rendered, tmp_path):
         def read(self, name):
             raise RuntimeError("the disk is on fire")
 
-    few = (rendered.names[:2], *_rest(rendered, slice(0, 2)))
+    r = rendered
+    few = (r.names[:2], r.poses.rows(slice(2)), r.target, r.camera, r.scene, r.seed)
     journal = tmp_path / "journal"
     for source, poses in ((Broken(*few), 0), (RenderedImages(*few), 2), (Broken(*few), 2)):
         found = detect(source, DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=journal)
