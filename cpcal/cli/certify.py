@@ -32,7 +32,7 @@ from cpcal.files.run_folder import RUN, locked
 from cpcal.models import LegModel
 from cpcal.questions import Result, save_result, verdict_of
 from cpcal.questions.ask import HERE, answered
-from cpcal.questions.question import Question, checkpoints_of, comparison, question_of
+from cpcal.questions.question import Question, comparison, question_of
 from cpcal.report import (
     FRAME,
     LONGER,
@@ -51,6 +51,7 @@ from cpcal.report.words import SHORT_QUANTIFIER, overall, uncertified_legs
 from cpcal.robot import Campaign
 from cpcal.robot.mistakes import suspicions
 from cpcal.solver.contract import Verdict
+from cpcal.solver.execution.checkpoint_file import FOLDER, Checkpoints
 from cpcal.solver.execution.executors import LostWorkerError, Place
 from cpcal.solver.execution.stopping import Reason, Stopped, asked, give_up
 
@@ -150,7 +151,7 @@ def certified_into(run: Path, question: Question, *, talk: Talk, place: Place = 
     `place`: where the work is done. `resume`: go on from the checkpoint of an earlier run. Stopped before any leg has
     an answer, it raises Stopped, and what was there before stays.
     """
-    campaign, kept = question.campaign, checkpoints_of(question, run, resume=resume)
+    campaign, kept = question.campaign, Checkpoints(run / FOLDER, question.identity, resume)
 
     def find(draft: Path) -> Result:
         try:

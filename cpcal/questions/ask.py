@@ -18,10 +18,10 @@ from cpcal.files import campaign_sha256, save_campaign_json
 from cpcal.files.run_folder import RUN, answers_into
 from cpcal.models import LegModel
 from cpcal.questions.leg import certify_leg
-from cpcal.questions.question import COMPARED, Progress, Question, checkpoints_of, comparison, question_of
+from cpcal.questions.question import COMPARED, Progress, Question, comparison, question_of
 from cpcal.questions.result import CampaignNote, LegResult, ModelNote, Result, Uncertified
 from cpcal.robot import Campaign
-from cpcal.solver.execution.checkpoint_file import Checkpoints
+from cpcal.solver.execution.checkpoint_file import FOLDER, Checkpoints
 from cpcal.solver.execution.executors import (
     Here,
     LostWorkerError,
@@ -134,7 +134,7 @@ def certify(
 
 def _answered_into(question: Question, run: StrPath | None, place: Place, *, resume: bool = False) -> Result:
     """All legs, with certificates in the folder of a run, if there is one."""
-    kept = None if run is None else checkpoints_of(question, Path(run), resume=resume)
+    kept = None if run is None else Checkpoints(Path(run) / FOLDER, question.identity, resume)
     with nullcontext() if run is None else answers_into(run, RUN) as draft:
         result = answered(question, place, draft, kept)
         if draft is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -26,7 +27,6 @@ from cpcal.questions.data_check import determination
 from cpcal.questions.question import Question
 from cpcal.questions.recommended import conformity
 from cpcal.questions.result import (
-    Determination,
     LegBracket,
     LegResult,
     Options,
@@ -44,7 +44,7 @@ from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.bound import Alone, Bracket, Minimum, hitting_set
 from cpcal.solver.optimize.bound import support as find_support
 from cpcal.solver.optimize.local import Known, fit
-from cpcal.solver.optimize.witness import verify_point
+from cpcal.solver.optimize.witness import Prepared, verify_point
 
 # at most for each try if a few measurements suffice: a convenience must not cost more than the answer
 _SUPPORT_NODES = 3
@@ -54,55 +54,30 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
     """The result of one leg, and whether the user interrupted it."""
     if question.options.outliers:
         return robust_leg(question, leg), asked() is not None
-    prepared = prepared_leg(question, leg)
-    start = np.append(prepared.center, question.options.eps or 0.0)
-
-    tell = None if question.progress is None else partial(question.progress, leg)
-    if question.options.method == "bound":
+    prepared, options, campaign = prepared_leg(question, leg), question.options, question.campaign
+    center, eps = prepared.center, options.eps or 0.0
+    start, tell = np.append(center, eps), None if question.progress is None else partial(question.progress, leg)
+    if options.method == "bound":
         answer = searched(prepared, the_answer, start=start, tell=tell)
     else:
         answer = by_timeout(prepared, start, tell)
-    result = _leg_result(prepared, answer, _support(prepared, answer.minimum))
-    stopped = answer.minimum.interrupted or asked() is not None
-    if question.options.ranges and not stopped:
-        ranges, stopped = ranges_of(prepared, result)
-        result = replace(result, ranges=ranges)
-    return result, stopped or asked() is not None
-
-
-def _bracket(center: Floats, found: Minimum, **proved: Any) -> LegBracket:
-    """The witness of a search, and what is proved."""
-    return LegBracket(
-        hi=float(found.hi),
-        point=None if found.witness is None else tuple(map(float, found.witness.point[:-1])),
-        center=tuple(map(float, center[:7])),
-        **proved,
-    )
-
-
-def _leg_result(leg: PreparedLeg, answer: Answered, support: tuple[str, ...]) -> LegResult:
-    question, options, found, center = leg.question, leg.question.options, answer.minimum, leg.center
-    eps, lo = options.eps or 0.0, float(found.lo)
+    found, support = answer.minimum, _support(prepared, answer.minimum)
+    stopped, lo = found.interrupted or asked() is not None, float(found.lo)
     if options.eps is not None:  # of that one alone something is said
-        lo = options.eps if found.verdict is Verdict.REFUTED else 0.0
-    verified = verify_point(leg.problem.network, np.append(center, eps), leg.problem.prover.reading)
-    at = center if found.witness is None else found.witness.point[:-1]
-    return LegResult(
-        leg=leg.leg,
-        bracket=_bracket(
-            center,
-            found,
-            verdict=found.verdict,
-            lo=lo,
-            enclosure=Box(question.model.parameters, found.enclosure.lo[:-1], found.enclosure.hi[:-1]),
-            certificate=answer.certificate,
-        ),
-        **conformity(question, leg.leg, center, leg.problem.network, lo),
+        lo = eps if found.verdict is Verdict.REFUTED else 0.0
+    verified = verify_point(prepared.problem.network, start, prepared.problem.prover.reading)
+    result = _leg_result(
+        prepared,
+        found,
+        {
+            "verdict": found.verdict,
+            "lo": lo,
+            "enclosure": Box(question.model.parameters, found.enclosure.lo[:-1], found.enclosure.hi[:-1]),
+            "certificate": answer.certificate,
+        },
         support=support,
-        not_certified=_not_certified(question, leg.leg, answer),
-        verified=VerifiedPoint(eps, int(verified.holds.sum()), int(verified.fails.sum()), len(question.campaign)),
-        extra=tuple(map(float, center[7:])),
-        determination=_determination(question, leg.leg, at),
+        not_certified=_not_certified(question, leg, answer),
+        verified=VerifiedPoint(eps, int(verified.holds.sum()), int(verified.fails.sum()), len(campaign)),
         work=Work(
             nodes=found.nodes,
             programs=found.programs,
@@ -113,16 +88,31 @@ def _leg_result(leg: PreparedLeg, answer: Answered, support: tuple[str, ...]) ->
             contractors_used=found.contractors_used,
         ),
     )
+    if options.ranges and not stopped:
+        ranges, stopped = ranges_of(prepared, result)
+        result = replace(result, ranges=ranges)
+    return result, stopped or asked() is not None
 
 
-def _determination(
-    question: Question, leg: int, x: Floats, only: tuple[int, ...] | None = None
-) -> Determination | None:
-    """At the proved point, or the center of the box; None where nothing is to be determined."""
-    if question.options.delta == 0.0:
-        return None
-    campaign = question.campaign if only is None else question.campaign.rows(only)
-    return determination(campaign, leg, x, question.model)
+def _leg_result(part: PreparedLeg, found: Minimum, proved: Mapping[str, Any], **others: Any) -> LegResult:
+    """What was found with the measurements of `part`, and what these say beside; `proved`: fields of the bracket."""
+    question, center = part.question, part.center
+    point = None if found.witness is None else found.witness.point[:-1]
+    campaign = question.campaign if part.only is None else question.campaign.rows(part.only)
+    at = center if point is None else point
+    return LegResult(
+        leg=part.leg,
+        bracket=LegBracket(
+            hi=float(found.hi),
+            point=None if point is None else tuple(map(float, point)),
+            center=tuple(map(float, center[:7])),
+            **proved,
+        ),
+        **conformity(part, proved["lo"]),
+        extra=tuple(map(float, center[7:])),
+        determination=determination(campaign, part.leg, at, question.model) if question.options.delta else None,
+        **others,
+    )
 
 
 def _support(leg: PreparedLeg, found: Minimum) -> tuple[str, ...]:
@@ -269,22 +259,18 @@ def robust_leg(question: Question, leg: int) -> LegResult:
         proofs = ()
     closed = best.witness is not None and best.hi - lo <= 2.0 * max(_BELOW * best.hi, _SMALLEST)
     lost = Uncertified.NOT_ASKED if question.certificates is None else Uncertified.NOTHING_PROVED
-    return LegResult(
-        leg=leg,
-        bracket=_bracket(
-            center,
-            best,
-            enclosure=leg_box(center, options.delta, question.model),
-            verdict=Verdict.PROVED if closed else Verdict.UNKNOWN,
-            lo=float(lo),
-            proofs=proofs,
-            point_certificate=at_point,
-            left_out=tuple(ids[k] for k in sorted(without)),
-        ),
-        **conformity(question, leg, center, of_measurements(whole, only), float(lo), only),
-        determination=_determination(question, leg, center if best.witness is None else best.witness.point[:-1], only),
+    return _leg_result(
+        PreparedLeg(question, leg, center, Prepared(of_measurements(whole, only), "eps"), [], only),
+        best,
+        {
+            "enclosure": leg_box(center, options.delta, question.model),
+            "verdict": Verdict.PROVED if closed else Verdict.UNKNOWN,
+            "lo": float(lo),
+            "proofs": proofs,
+            "point_certificate": at_point,
+            "left_out": tuple(ids[k] for k in sorted(without)),
+        },
         not_certified=Uncertified.NOTHING if proofs or at_point else lost,
-        extra=tuple(map(float, center[7:])),
         work=Work(nodes=searches, seconds=time.monotonic() - began),
     )
 

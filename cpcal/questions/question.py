@@ -7,7 +7,6 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,10 +31,11 @@ from cpcal.questions.result import Options
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
 from cpcal.solver.contract import Limits
-from cpcal.solver.execution.checkpoint_file import FOLDER, Checkpoints
+from cpcal.solver.execution.checkpoint_file import Checkpoints
 from cpcal.solver.execution.executors import Place
 from cpcal.solver.optimize.bound import Bracket
 
+_LIMITS = {"legs": None, "time_limit": None, "node_limit": None, "tolerance": None}  # change no bracket
 Progress = Callable[[int, Bracket], None]
 
 
@@ -62,6 +62,19 @@ class Question(NamedTuple):
     @property
     def limits(self) -> Limits:
         return Limits(seconds=self.options.time_limit, nodes=self.options.node_limit, gap=self.options.gap)
+
+    @property
+    def identity(self) -> dict[str, str]:
+        """What its checkpoints are of. Limits may change between a run and the one that goes on with it."""
+        campaign, options, model = self.campaign, self.options, self.model
+        asked = replace(options, **_LIMITS) if options.method == "bound" else options  # type: ignore[arg-type]
+        # of a user-defined model its equations count: a function that was edited between two runs keeps its name
+        box, legs = leg_box(np.zeros(len(model.parameters)), 0.0, model), range(1, campaign.legs + 1)
+        equations = [] if built_in(model) else [leg_network(campaign, leg, box, model=model).digest for leg in legs]
+        parts = {"options": encoded(asked), "model": [encoded((model.name, model.summary, model.extra)), *equations]}
+        texts = {name: json.dumps(value, sort_keys=True) for name, value in parts.items()}
+        digests = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in texts.items()}
+        return {"version": __version__, "campaign": campaign_sha256(campaign), **digests}
 
     def center(self, leg: int) -> Floats:
         """All parameters of the model (n,); the extra ones are 0 but in the model's own fit."""
@@ -163,24 +176,3 @@ def comparison(
         ),
     )
     return questions
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# What the checkpoints of a run are of.
-
-_LIMITS = {"legs": None, "time_limit": None, "node_limit": None, "tolerance": None}  # change no bracket
-
-
-def checkpoints_of(question: Question, run: Path, *, resume: bool) -> Checkpoints:
-    """Those in the folder of a run. Limits may change between a run and the one that goes on with it."""
-    campaign, options, model = question.campaign, question.options, question.model
-    asked = replace(options, **_LIMITS) if options.method == "bound" else options  # type: ignore[arg-type]
-    # of a user-defined model its equations count: a function that was edited between two runs keeps its name
-    box, legs = leg_box(np.zeros(len(model.parameters)), 0.0, model), range(1, campaign.legs + 1)
-    equations = [] if built_in(model) else [leg_network(campaign, leg, box, model=model).digest for leg in legs]
-    parts = {"options": encoded(asked), "model": [encoded((model.name, model.summary, model.extra)), *equations]}
-    digests = {
-        name: hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest() for name, value in parts.items()
-    }
-    of = {"version": __version__, "campaign": campaign_sha256(campaign), **digests}
-    return Checkpoints(run / FOLDER, of, resume)

@@ -18,14 +18,12 @@ import numpy as np
 
 from cpcal.common.values import Floats
 from cpcal.models import ModelResiduals, built_in, fit_model, leg_readings, leg_statement, reading_moves, reading_range
-from cpcal.questions.bracket import written
-from cpcal.questions.question import Question
+from cpcal.questions.bracket import PreparedLeg, written
 from cpcal.questions.result import CONSTRAINED, LEAST_SQUARES, PassesFrom, Recommended, Reduced
 from cpcal.solver.certificate.float_rows import AllReadings
 from cpcal.solver.certificate.prover import claims
 from cpcal.solver.certificate.recording import Recording
 from cpcal.solver.interval import Box
-from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.local import fit_of_many
 
@@ -36,20 +34,12 @@ _NEAR, _ROUNDS = 64, 8  # rows that enter a program at a time; times that they e
 _PARTS = 1024  # the factor on the half-widths is a multiple of one of so many
 
 
-def conformity(
-    question: Question,
-    leg: int,
-    center: Floats,
-    network: ConstraintNetwork,
-    lo: float,
-    only: tuple[int, ...] | None = None,
-) -> dict[str, Any]:
-    """The fields of `LegResult` that are of all readings, of a leg (from 1) with the equations of `network`.
+def conformity(part: PreparedLeg, lo: float) -> dict[str, Any]:
+    """The fields of `LegResult` that are of all readings of a leg, or of some of its measurements.
 
-    No parameters satisfy these below `lo` for any readings. `center`: the question's. `only`: some measurements,
-    numbers from 0.
+    No parameters satisfy its equations below `lo` for any readings.
     """
-    of, tolerance = _Leg(question, leg, center, network, only), question.options.tolerance
+    of, tolerance = _Leg(part), part.question.options.tolerance
     x, why, reduced = of.plain, LEAST_SQUARES, None
     eps = of.largest(of.tightest)
     if tolerance is not None and lo <= tolerance:
@@ -72,20 +62,19 @@ def conformity(
 class _Leg:
     """One leg, for every reading of its measurements."""
 
-    def __init__(
-        self, question: Question, leg: int, center: Floats, network: ConstraintNetwork, only: tuple[int, ...] | None
-    ) -> None:
+    def __init__(self, part: PreparedLeg) -> None:
+        question, leg, only = part.question, part.leg, part.only
         campaign, model = question.campaign, question.model
-        self._question, self._leg, self._network = question, leg, network
+        self._question, self._leg, self._network = question, leg, part.problem.network
         self._residuals = ModelResiduals(campaign, leg, model)
         self._mine = np.arange(len(campaign)) if only is None else np.array(only, np.intp)
         self._known: dict[bytes, AllReadings] = {}
         self._statement = leg_statement(campaign, leg, only, model.name) if built_in(model) else None
-        self._readings = [part[self._mine] for part in leg_readings(campaign, leg)]
+        self._readings = [each[self._mine] for each in leg_readings(campaign, leg)]
         self._used = np.bincount(self._mine, minlength=len(campaign)).astype(np.float64)
-        self._rows = Rows(network, every=True)
+        self._rows = Rows(self._network, every=True)
         fitted = only is None and question.options.center == "fit"
-        self.plain = center if fitted else self.fit(None if only is None else self._used)
+        self.plain = part.center if fitted else self.fit(None if only is None else self._used)
 
     @cached_property
     def weight(self) -> Floats:
