@@ -241,7 +241,10 @@ def a_study_of_many_points(folder: Path) -> None:
     (folder / "study.json").write_text(json.dumps(study | {"points": points}, separators=(",", ":")))
     frames = {"camera_position": [0, 0, 0], "camera_quaternion": [1, 0, 0, 0], "target_position": [0, 0, 2000.5]}
     placed = frames | {"target_quaternion": [0.9, 0.1, 0.2, 0.3]}
-    found: Line = {"format": "cpcal-handeye-result/7", "asked": {"center": placed, "reach": 100, "angle": None}}
+    found: Line = {
+        "format": "cpcal-handeye-result/8",
+        "asked": {"center": placed, "reach": 100, "angle": None, "known": []},
+    }
     found |= {"point": placed, "readings": [], "eps_hi": 1.5, "eps_lo": 0, "lower": [], "support": []}
     found |= {"ranges": {"certificate": "a"}, "tolerance": 1.5, "eps": 1.5}
     found |= {"outliers": 0, "left_out": [], "blamed": []}

@@ -17,7 +17,7 @@ from functools import cached_property, lru_cache
 from itertools import product as pairs
 from typing import Any
 
-from .bounds import Bounds, box_of, matrix, number, numbers
+from .bounds import Bounds, between, box_of, matrix, number, numbers
 from .bounds import rotation as enclosed_rotation
 from .polynomial import (
     Form,
@@ -41,6 +41,7 @@ from .rule import Box, Problem
 
 AXES = range(3)
 R_X, T_X, R_F, T_F, E_, F_ = range(9), range(9, 12), range(12, 21), range(21, 24), range(24, 27), range(27, 30)
+GIVEN = dict(zip((f"{frame}.{axis}" for frame in ("camera", "target") for axis in "xyz"), (*T_X, *T_F), strict=True))
 SIZE = 30  # unknowns of frames; those of an image follow: its board's turn (9) and place (3), and 6 of its reading
 EQUATIONS = 21  # of a rotation
 SIDES = ("u+", "u-", "v+", "v-", "turn+", "turn-", "tie+", "tie-", "link+", "link-", "pose+", "pose-")
@@ -48,6 +49,7 @@ STAGES = ("image", "links", "frames")
 _FINE = 64  # bits of what a link may be off
 Matrix = Sequence[Sequence[Any]]
 Vector = Sequence[F]
+Known = Sequence[tuple[str, F, F]]  # positions that a user knows: a name of GIVEN, least and greatest value in mm
 
 
 @dataclass(frozen=True)
@@ -269,8 +271,9 @@ _PI_ABOVE = F(314159265358979323847, 10**20)
 _OUTWARD = 40  # bits behind the point
 
 
-def asked_box(center: Vector, reach: F, angle: F | None, hand: Vector, board: Vector) -> Box:
-    """Of frames whose positions are within `reach` (mm) of a center's, and rotations within `angle` (degrees).
+def asked_box(center: Vector, reach: F, angle: F | None, known: Known, hand: Vector, board: Vector) -> Box:
+    """Of frames whose positions are within `reach` (mm) of a center's, or where they are known, and rotations within
+    `angle` (degrees).
 
     `center` (14): position and quaternion of X, then of F. Entries of rotations that differ by an angle differ by at
     most 2 sin(angle / 2).
@@ -281,15 +284,19 @@ def asked_box(center: Vector, reach: F, angle: F | None, hand: Vector, board: Ve
         turn = enclosed_rotation(numbers(center[k + 3 : k + 7]))
         ends += [value.around(span).within(-1, 1) for row in turn for value in row]
         ends += [value.around(way) for value in numbers(center[k : k + 3])]
+    for name, low, high in known:
+        if low > high or [one for one, *_ in known].count(name) > 1:
+            raise Refused(f"{name} is given twice, or its least value is above its greatest")
+        ends[GIVEN[name]] = between(low, high)
     x, t_x, f, t_f = ends[:9], ends[9:12], ends[12:21], ends[21:]
     ends += applied(transposed(matrix(x)), minus(numbers(hand), t_x))  # e = R_X' (w - t_X)
     ends += plus(t_f, applied(matrix(f), numbers(board)))  # f = t_F + R_F c
     return box_of(ends, _OUTWARD)
 
 
-def holds(placed: Vector, center: Vector, reach: F, angle: F | None) -> bool:
+def holds(placed: Vector, center: Vector, reach: F, angle: F | None, known: Known = ()) -> bool:
     """Whether frames (14 numbers) are in the box about others."""
-    box = asked_box(center, reach, angle, (F(0),) * 3, (F(0),) * 3)
+    box = asked_box(center, reach, angle, known, (F(0),) * 3, (F(0),) * 3)
     at: list[F] = []
     for k in (0, 7):
         rows, norm = rotation(placed[k + 3 : k + 7])

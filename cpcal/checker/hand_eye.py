@@ -18,7 +18,24 @@ from .bounds import Bounds, between, matrix, norm, number, numbers, skew
 from .bounds import rotation as enclosed_rotation
 from .certificate import FORMAT, Accepted, Certificates
 from .files import STUDY_NAME, WORK, Budget, Lines, content, parsed
-from .frames import E_, R_F, R_X, SIZE, STAGES, T_F, T_X, Rows, Study, asked_box, before_camera, holds, rotation
+from .frames import (
+    E_,
+    GIVEN,
+    R_F,
+    R_X,
+    SIZE,
+    STAGES,
+    T_F,
+    T_X,
+    Known,
+    Rows,
+    Study,
+    Vector,
+    asked_box,
+    before_camera,
+    holds,
+    rotation,
+)
 from .lens import Cameras, values
 from .polynomial import applied, minus, plus, product, transposed
 from .readers import (
@@ -52,7 +69,7 @@ STUDY_FORMAT = "cpcal-study/1"
 # 12 images of any rotation take 12,000,000 units
 _POINTS, _POINT_WORK, _MOST_POINTS = 10_000, 2_000, 20_000  # of a run: more for each point beyond so many
 _ERRORS_WORK = 2_000  # of a point: what its lens and its errors at two pairs of frames cost
-HAND_EYE_NAME, HAND_EYE_FORMAT = "handeye.json", "cpcal-handeye-result/7"
+HAND_EYE_NAME, HAND_EYE_FORMAT = "handeye.json", "cpcal-handeye-result/8"
 BEYOND = 1.1, 1.01  # of eps_hi: the tolerance of ranges that nobody asked for, and where that leaves a turn open
 _LENS = F(1, 10**7)  # px: how far a pixel and the image of its undistorted one may be apart
 _SETUPS = ("eye-in-hand", "eye-to-hand")
@@ -70,15 +87,23 @@ _HEADER = record(
         "poses": many(text),
     }
 )
-_ASKED = record(
+_BOX = record(
     {
         "center": many(dyadic, 14),
         "reach": dyadic,
         "angle": maybe(dyadic),
+        "known": many(entry(choice(*GIVEN), dyadic, dyadic)),
         "hand": many(dyadic, 3),
         "board": many(dyadic, 3),
     }
 )
+_Asked = tuple[Vector, F, F | None, Known]  # the box: of `asked_box`, but for w and c
+
+
+def _asked(header: Json) -> tuple[_Asked, Vector, Vector]:
+    """The box that a certificate begins with, w and c."""
+    *box, hand, board = _BOX({"known": []} | header["asked"])
+    return (*box,), hand, board
 
 
 # the study ----------------------------------------------------------------------------------------------------------
@@ -232,15 +257,16 @@ class HandEyeCertificates(Certificates):
         self.study, self.digest = study, digest
 
     def form(self, header: Json, lines: Lines) -> tuple[Problem, Box]:
-        given = _, digest, stage, images, eps, asked, after, poses = _HEADER(header)
+        given = _, digest, stage, images, eps, _, after, poses = _HEADER(header)
         if digest != self.digest:
             raise Refused("the study is another one: its SHA-256 differs", "campaign")
         if not images or images[-1] >= len(self.study.images) or (stage == "image") != (len(images) == 1):
             raise Refused("there are no such images")
-        center, reach, angle, hand, board = _ASKED(asked)
+        asked, hand, board = _asked(header)
+        center, reach, *_ = asked
         if min(eps, reach) < 0 or not any(center[3:7]) or not any(center[10:]):
             raise Refused("eps, or the box that was asked for, is none")
-        frames = asked_box(center, reach, angle, hand, board)
+        frames = asked_box(*asked, hand, board)
         if after is not None:
             frames = self._enclosure(after, given, ("links", "frames"))
         sets = {}
@@ -307,9 +333,11 @@ class _Run:
         with reading(HAND_EYE_NAME):
             same("format", self.result["format"], HAND_EYE_FORMAT)
             asked: Json = self.result["asked"]
-            self.center, self.reach = _placed(asked["center"]), exact(asked["reach"])
-            self.angle = None if asked["angle"] is None else exact(asked["angle"])
-            if not 0 < self.reach < 10**6 or not (self.angle is None or 0 < self.angle <= 180):
+            center, reach, angle = _placed(asked["center"]), exact(asked["reach"]), maybe(exact)(asked["angle"])
+            known = many(entry(choice(*GIVEN), exact, exact))(asked["known"])
+            self.asked: _Asked = tuple(center), reach, angle, known
+            self.given = ", if the given values are true" if known else ""
+            if not 0 < reach < 10**6 or not (angle is None or 0 < angle <= 180):
                 raise Refused("states a box that is none")
 
     def outliers(self) -> int:
@@ -334,8 +362,8 @@ class _Run:
         """A certificate about these images and the box that was asked for, at a tolerance; and its w."""
         accepted = self.certificates.accepted(name)
         header = _HEADER(accepted.header)
-        center, reach, angle, hand, _ = _ASKED(header[5])
-        if [center, reach, angle] != [tuple(self.center), self.reach, self.angle]:
+        box, hand, _ = _asked(accepted.header)
+        if box != self.asked:
             raise Refused(f"rests on {shown(name)}, which speaks of another box")
         if header[4] != eps:
             raise Refused(f"rests on {shown(name)}, which is at another tolerance")
@@ -385,10 +413,13 @@ class _Run:
         study, result, kept = self.study, self.result, self.kept()
         proved = [len(study.images), len(study.image), _SETUPS[0] if study.in_hand else _SETUPS[1]]
         compare(("study", result[key], b) for key, b in zip(("images", "points", "setup"), proved, strict=True))
-        reach, angle = (None if v is None else repr(float(v)).removesuffix(".0") for v in (self.reach, self.angle))
+        _, *numbers, known = self.asked
+        reach, angle = (None if v is None else repr(float(v)).removesuffix(".0") for v in numbers)
         turned = "any rotation" if angle is None else f"rotations within {angle} degrees"
         without = f", without {', '.join(result['left_out'])}" if len(kept) < len(study.images) else ""
-        return f"box: {turned}, positions within {reach} mm of its centre{without}"
+        ends = (f"{name} from {float(low)!r} to {float(high)!r} mm" for name, low, high in known)
+        given = f"; given, not proved: {', '.join(ends)}" if known else ""
+        return f"box: {turned}, positions within {reach} mm of its centre{without}{given}"
 
     def ranges(self) -> str:
         ranges, eps = self.result["ranges"], self.tolerance()
@@ -396,7 +427,7 @@ class _Run:
             return ""
         accepted, hand = self.accepted(ranges["certificate"], eps, self.kept())
         claims, sides, known = accepted.claims, [ranges[key] for key in ("lo", "hi", "low", "high")], ranges["known"]
-        what = f"every pixel{self.others()} to {float(eps)!r} px ({accepted.steps} steps)"
+        what = f"every pixel{self.others()} to {float(eps)!r} px{self.given} ({accepted.steps} steps)"
         if claims.infeasible:
             compare([*(("ranges", side, []) for side in sides), ("point before the camera", known, None)])
             return f"ranges: PROVED, no frames explain {what}"
@@ -423,7 +454,9 @@ class _Run:
         which = "image is" if count == 1 else f"{count} images are"
         wrong = f"whichever {which} wrong, no frames explain all others" if count else ""
         steps = f"{sum(one.steps for one in claims)} steps" + (f", {len(groups)} groups" if count else "")
-        return f"lower end: PROVED, {wrong or 'no frames explain every pixel'} to {float(eps)!r} px ({steps})"
+        return (
+            f"lower end: PROVED, {wrong or 'no frames explain every pixel'} to {float(eps)!r} px{self.given} ({steps})"
+        )
 
     def upper_end(self) -> str:
         """eps_hi, computed again at the point."""
@@ -434,13 +467,13 @@ class _Run:
             worst = worst if one is None or k not in kept else max(worst, one)
         if exact(self.result["eps_hi"]) != F(up(worst)):
             raise Refused("states an eps_hi that is not the largest error of a pixel at the point")
-        if not holds(point, self.center, self.reach, self.angle):
+        if not holds(point, *self.asked):
             raise Refused("states a point that is not in the box")
         return f"upper end: PROVED, the point explains every pixel{self.others()} to {up(worst)!r} px"
 
     def least_squares(self) -> str:
         said, eps, kept = self.result["classical"], self.tolerance(), set(self.kept())
-        worst, failing, found = F(0), 0, self.errors(self.center, said["readings"])
+        worst, failing, found = F(0), 0, self.errors(self.asked[0], said["readings"])
         same("number of images", len(said["images"]), len(found))
         for k, (name, verdict, one) in enumerate(zip(self.study.images, said["images"], found, strict=True)):
             if one is None and k in kept:
@@ -464,7 +497,7 @@ class _Run:
             raise Refused("names an image that is not left out, or twice")
         for image, reasons in blamed:
             self.refuted(reasons, eps, image)
-        return f"wrong images: PROVED if at most {count} are, at {float(eps)!r} px: {', '.join(named)}"
+        return f"wrong images: PROVED if at most {count} are, at {float(eps)!r} px{self.given}: {', '.join(named)}"
 
     def others(self) -> str:
         return f" but those of {', '.join(self.result['left_out'])}" if self.result["left_out"] else ""

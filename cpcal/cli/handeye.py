@@ -159,6 +159,9 @@ def certify(
     ),
     poses: Path | None = option(None, "With --next: what the robot can reach: image,x,y,z,qw,qx,qy,qz.", "CSV"),
     within: str = option("any,2000", "Search within these of the classical answer; 'any' for all rotations.", "DEG,MM"),
+    known: str = option(
+        "", "Positions that you know, mm: of camera or target, in the hand or base frame.", "camera.z=LOW:HIGH,..."
+    ),
     gap: float = option(GAP, "Relative width of the bracket that is asked for."),
     time_limit: float | None = option(None, "Seconds for each proof, at most.", "S"),
     at: str | None = option(
@@ -180,6 +183,7 @@ def certify(
     together, alone = "--next and --poses go together", "--gap, --time-limit and --at have no meaning with --wrong"
     refuse(
         ((count is None) != (poses is None), "options", together, "give both, or none"),
+        (bool(count is not None and known), "option --known", "has no meaning with --next", "leave it out"),
         (count is None and run is None, "option --output", "is missing", "name a folder for the run"),
         (wrong and (gap != GAP or time_limit is not None or at is not None), "options", alone, "leave them out"),
     )
@@ -187,7 +191,7 @@ def certify(
     if count is not None and poses is not None:
         return _next(study, poses, count, tolerance, talk)
     assert run is not None
-    point, box = numbers_of(at, float, "x, y, z in mm", "--at"), Within.parsed(within)
+    point, box = numbers_of(at, float, "x, y, z in mm", "--at"), Within.parsed(within, known)
 
     def find(draft: Path) -> HandEyeResult:
         (draft / STUDY_NAME).write_bytes(study_json(study))  # for whoever checks the run

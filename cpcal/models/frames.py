@@ -25,6 +25,7 @@ from cpcal.checker import FORMAT
 from cpcal.checker.frames import E_, F_, R_F, R_X, SIZE, T_F, T_X, Rows, Study, asked_box
 from cpcal.checker.rule import Box
 from cpcal.common.numbers import at_most
+from cpcal.common.values import Floats
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, study_json
 from cpcal.robot import normalised, quaternion_from_matrix, rotation_matrix
 from cpcal.solver.certificate.exact_network import number
@@ -70,12 +71,15 @@ class PlacedFrames:
         return HandEyeFrames(turn, -turn @ np.array(self.camera_position), target, np.array(self.target_position))
 
     @staticmethod
-    def of(frames: HandEyeFrames) -> PlacedFrames:
+    def of(frames: HandEyeFrames, given: Floats | None = None) -> PlacedFrames:
+        """With positions between the ends `given` (2, 6)."""
         turn = frames.e_rotation.T
+        places = np.concatenate([-turn @ frames.e_translation, frames.f_translation])
+        camera, target = np.split(places if given is None else np.clip(places, *given), 2)
         return PlacedFrames(
-            tuple((-turn @ frames.e_translation).tolist()),
+            tuple(camera.tolist()),
             tuple(quaternion_from_matrix(turn).tolist()),
-            tuple(frames.f_translation.tolist()),
+            tuple(target.tolist()),
             tuple(quaternion_from_matrix(frames.f_rotation).tolist()),
         )
 
@@ -146,14 +150,17 @@ class Prover:
         mean = (turn @ (near.f_rotation @ middle + near.f_translation) + shift).mean(axis=0)
         self.hand, self.board = exact(np.round(mean * 8.0) / 8.0), exact(middle)
         far, turned = F(reach), None if angle is None else F(angle)
-        self.root = asked_box(tuple(center), far, turned, self.hand, self.board)
-        self.asked = {
+        known = [(name, F(low), F(high)) for name, low, high in study.known]
+        self.root = asked_box(tuple(center), far, turned, known, self.hand, self.board)
+        self.asked: dict[str, Any] = {
             "center": list(map(number, center)),
             "reach": number(far),
             "angle": turned and number(turned),
             "hand": list(map(number, self.hand)),
             "board": list(map(number, self.board)),
         }
+        if known:
+            self.asked["known"] = [[name, number(low), number(high)] for name, low, high in known]
 
     def over(
         self, name: str, images: Sequence[int], eps: float, end: float = math.inf, wide: Proof | None = None,

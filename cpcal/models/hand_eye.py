@@ -22,6 +22,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from cpcal.checker.files import STUDY_NAME
+from cpcal.checker.frames import GIVEN
 from cpcal.checker.hand_eye import STUDY_FORMAT
 from cpcal.common.documents import KeyPath, TomlReader, csv_table, document, json_object, one_of, text
 from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
@@ -36,6 +37,7 @@ from cpcal.robot.units import AXES, POSE
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.plate_and_camera import camera_bytes, load_camera
 
+Known = tuple[tuple[str, float, float], ...]
 Setup = Literal["eye-in-hand", "eye-to-hand"]
 SETUPS: tuple[Setup, ...] = ("eye-in-hand", "eye-to-hand")
 
@@ -54,6 +56,7 @@ class HandEyeStudy(Value):
     pose_half_width  (n, 6) mm and rad: the true pose is position + d, R(1, s) R(q) with |d| and |2 s| at most that on
                 each axis of the base frame; 0 where poses are taken as exact
     provenance  what is known of its making: `generator`, `half_widths`, ...
+    known       positions that a user knows: a name of GIVEN, least and greatest value in mm; no file holds them
 
     Raises InputError for arrays that do not belong together.
     """
@@ -69,6 +72,7 @@ class HandEyeStudy(Value):
     half_width: Floats = field(default_factory=lambda: np.zeros(0))
     pose_half_width: Floats = field(default_factory=lambda: np.zeros(0))
     provenance: Mapping[str, str] = field(default_factory=dict)
+    known: Known = ()
 
     def __post_init__(self) -> None:
         count, n = len(self.image), len(self.images)
@@ -90,6 +94,14 @@ class HandEyeStudy(Value):
     def uncertain(self) -> bool:
         """Whether the robot's poses have half-widths."""
         return bool(self.pose_half_width.any())
+
+    @property
+    def given(self) -> Floats:
+        """(2, 6) mm: least and greatest positions of camera and target, as far as they are known."""
+        ends, names = np.tile([[-np.inf], [np.inf]], len(GIVEN)), list(GIVEN)
+        for name, *values in self.known:
+            ends[:, names.index(name)] = values
+        return np.asarray(ends)
 
     @property
     def rays(self) -> Floats:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cpcal.checker.frames import GIVEN
 from cpcal.common.errors import unusable
 from cpcal.common.least_squares import Blocks, Fit, least_squares
 from cpcal.common.numbers import nearest
@@ -40,11 +41,19 @@ class ReadFrames(NamedTuple):
     readings: Floats
 
 
+def places(frames: HandEyeFrames) -> tuple[Floats, Floats]:
+    """Positions of camera and target (6,), mm, and their derivatives (6, 12) by the motions of the frames."""
+    back, slope = frames.e_rotation.T, np.zeros((6, PARAMETERS))
+    slope[:3, :6] = -back @ np.concatenate([cross_matrix(frames.e_translation), np.eye(3)], axis=1)
+    slope[3:, 9:] = np.eye(3)
+    return np.concatenate([-back @ frames.e_translation, frames.f_translation]), slope
+
+
 class PixelModel:
     """The residuals (2 N,) of frames with readings, first all along u and then all along v, in `size` unknowns."""
 
     def __init__(self, study: HandEyeStudy) -> None:
-        self.study, self._rays = study, study.rays
+        self.study, self._rays, self.given = study, study.rays, study.given
         self._images = len(study.images) if study.uncertain else 0  # whose readings are unknown
         self.size = PARAMETERS + READING * self._images
 
@@ -104,7 +113,8 @@ class PixelModel:
         return whole
 
     def moved(self, at: ReadFrames, step: Floats) -> ReadFrames:
-        """By a step (size,): rotations turn by a vector; readings are kept within their half-widths."""
+        """By a step (size,): rotations turn by a vector; readings are kept within their half-widths, positions where
+        they are known."""
         old, readings, width = at.frames, at.readings, self.study.pose_half_width
         frames = HandEyeFrames(
             rotation_matrix(quaternion_from_rotation_vector(step[:3])) @ old.e_rotation,
@@ -114,7 +124,14 @@ class PixelModel:
         )
         if self._images:
             readings = np.clip(readings + step[PARAMETERS:].reshape(-1, READING), -width, width)
+        if self.study.known:
+            camera, target = np.split(np.clip(places(frames)[0], *self.given), 2)
+            frames = frames._replace(e_translation=-frames.e_rotation @ camera, f_translation=target)
         return ReadFrames(frames, readings)
+
+    def fixed(self, at: ReadFrames) -> Floats:
+        """Derivatives (k, 12) of positions whose ends are equal by the motions of the frames."""
+        return np.asarray(places(at.frames)[1][self.given[0] == self.given[1]])
 
     def reach(self, at: ReadFrames) -> Floats:
         """What counts as a step of one in each unknown: a turn of 1 rad, and the way that it moves a point."""
@@ -145,6 +162,7 @@ def _weighted_fit(
     model: PixelModel, start: ReadFrames, pixel: float, deviation: Floats
 ) -> tuple[ReadFrames, Floats, Floats]:
     """Frames and readings from a start, the covariance (12, 12) of the frames, and the variances (n, 6) of readings.
+    Positions whose ends are equal are held.
 
     `pixel`: deviation in px, `deviation`: of readings (n, 6), mm and rad.
     """
@@ -162,19 +180,29 @@ def _weighted_fit(
 
     def blocks(at: ReadFrames) -> Blocks:
         by_frames, own = (block / pixel for block in model.blocks(at))
+        by_frames = by_frames @ across(model.fixed(at))
         off = model(at) / pixel
         alone = of_images(own[:, :, None] * own[:, None, :]) + np.eye(READING) / deviation[:, None] ** 2
         side = -of_images(own * off[:, None]) - at.readings / deviation**2
         mixed = of_images(own[:, :, None] * by_frames[:, None, :])
         return Blocks(by_frames.T @ by_frames, -by_frames.T @ off, mixed, alone, side)
 
-    at = least_squares(residual, blocks, start, tolerance=1e-12, moved=model.moved, steps=_STEPS).at
-    found = blocks(at)
+    def moved(at: ReadFrames, step: Floats) -> ReadFrames:
+        steps = across(model.fixed(at))
+        return model.moved(at, np.concatenate([steps @ step[: steps.shape[1]], step[steps.shape[1] :]]))
+
+    at = least_squares(residual, blocks, start, tolerance=1e-12, moved=moved, steps=_STEPS).at
+    found, steps = blocks(at), across(model.fixed(at))
     covariance = _inverse(found.reduced()[0])
     inverse_ = np.linalg.inv(found.own)
     carried = inverse_ @ found.mixed
     variance = inverse_ + carried @ covariance @ np.swapaxes(carried, 1, 2)
-    return at, covariance, np.diagonal(variance, axis1=1, axis2=2)
+    return at, steps @ covariance @ steps.T, np.diagonal(variance, axis1=1, axis2=2)
+
+
+def across(fixed: Floats) -> Floats:
+    """(12, m): steps that change nothing of what has these derivatives (k, 12)."""
+    return np.asarray(np.linalg.svd(fixed)[2][len(fixed) :].T if len(fixed) else np.eye(PARAMETERS))
 
 
 _STEPS = 100
@@ -184,6 +212,8 @@ _ANGLES = 12  # about an axis that all poses turn about, where the closed form l
 _LOST = 1e-14  # of the scaled normal matrix: an eigenvalue that rounding leaves of nothing
 _WEAK, _OPEN = 10.0, 1e4  # times worse than across, to say so; mm
 _LEAST_PIXEL = 1e-6  # px, where single images fit without error
+_CONTRADICTS = 3.0  # standard deviations, in the sum of squares, that given values add
+_BEYOND = 1e-9  # mm: positions that rounding leaves beyond the ends of what is known
 _APART = 2.0  # how many times more all images together leave than single ones, where the robot's poses matter
 
 
@@ -230,31 +260,8 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
     if not np.isfinite(model(at)).all():
         what = "puts points behind the camera"
         raise unusable("the closed form", what, "check the setup, and which pose belongs to which image")
-    exact = PixelModel(study.exactly())
-
-    # E turns about the points' mean place. About the camera's centre a turn moves far points by much, which the
-    # translation has to take back: the steps follow a bent valley, and end in it where the hand hardly turns.
-    def arm(at: ReadFrames) -> Floats:
-        return np.asarray(at.frames.e_translation - exact.in_camera(at).mean(axis=0))
-
-    def jacobian(at: ReadFrames) -> Floats:
-        slope = exact.jacobian(at)
-        slope[:, :3] -= slope[:, 3:6] @ cross_matrix(arm(at))
-        return slope
-
-    def moved(at: ReadFrames, step: Floats) -> ReadFrames:
-        turn, shifted = rotation_matrix(quaternion_from_rotation_vector(step[:3])), step.copy()
-        center = arm(at)
-        shifted[3:6] += turn @ center - center
-        return exact.moved(at, shifted)
-
-    at = least_squares(exact, jacobian, at, tolerance=1e-13, moved=moved, steps=_STEPS).at
-    covariance = _covariance(exact.jacobian(at), model(at))
-    if study.uncertain:
-        deviation = np.maximum(study.pose_half_width, _LEAST_GAIN) / np.sqrt(3.0)
-        at, covariance, _ = _weighted_fit(model, at, max(alone, _LEAST_PIXEL), deviation)
-    residuals = model(at)
-    rms = float(np.sqrt(np.mean(residuals**2)))
+    at, covariance = _fitted(replace(study, known=()), at, alone)
+    rms = float(np.sqrt(np.mean(model(at) ** 2)))
     remarks = _weak_directions(study.setup, at.frames, covariance)
     if not study.uncertain and 0.0 < _APART * alone < rms:
         remarks.append(
@@ -262,14 +269,79 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
             "are off by more than the pixels. cpcal handeye study --of STUDY --off estimated makes a study that weighs "
             "them."
         )
+    free, (at, covariance) = places(at.frames)[0], _within_given(study, at, covariance, alone)
+    residuals = model(at)
+    with_given = float(np.sqrt(np.mean(residuals**2)))
+    if with_given**2 > max(rms, _LEAST_PIXEL) ** 2 * (1.0 + _CONTRADICTS**2 / len(residuals)):
+        others = ", ".join(f"{name} at {nearest(free[list(GIVEN).index(name)], 4)} mm" for name, *_ in study.known)
+        remarks.append(
+            "The data contradict the given values: least squares fits to "
+            f"{nearest(with_given, 3)} px rms with them, to {nearest(rms, 3)} px without, with {others}."
+        )
     return ClassicalAnswer(
         frames=at.frames,
         readings=at.readings,
         residuals=residuals.reshape(2, -1).T,
         covariance=covariance,
-        rms=rms,
+        rms=with_given,
         remarks=tuple(remarks),
     )
+
+
+def _within_given(study: HandEyeStudy, at: ReadFrames, covariance: Floats, alone: float) -> tuple[ReadFrames, Floats]:
+    """Least squares again, from its answer, with positions that lie beyond what is known held at its nearer ends while
+    the data press them there."""
+    (low, high), names, model, ends = study.given, list(GIVEN), PixelModel(study), dict[int, float]()
+    for attempt in range(2 * _ROUNDS):
+        place, slope = places(at.frames)
+        nearer, residuals = np.clip(place, low, high), model(at)
+        beyond = {k: float(nearer[k]) for k in range(len(names)) if k not in ends and abs(place - nearer)[k] > _BEYOND}
+        rising = np.linalg.lstsq(slope[[*ends]].T, model.blocks(at)[0].T @ residuals)[0]
+        gained = [-up * (high - low)[k] * (1 if ends[k] == low[k] else -1) for k, up in zip(ends, rising, strict=True)]
+        if not beyond and attempt < _ROUNDS and max(gained, default=0.0) > _STILL * float(residuals @ residuals):
+            del ends[list(ends)[int(np.argmax(gained))]]
+        elif beyond:
+            ends |= beyond
+        else:
+            break
+        part = replace(study, known=tuple((names[k], end, end) for k, end in ends.items()))
+        at, covariance = _fitted(part, PixelModel(part).moved(at, np.zeros(model.size)), alone)
+    return at, covariance
+
+
+def _fitted(study: HandEyeStudy, start: ReadFrames, alone: float) -> tuple[ReadFrames, Floats]:
+    """Least squares near a start, and the covariance (12, 12) of its frames; positions whose ends are equal are held.
+    `alone`: px per axis, what the poses of single images leave."""
+    exact, model = PixelModel(study.exactly()), PixelModel(study)
+    if not np.isfinite(model(start)).all():
+        raise unusable("the given values", "put points behind the camera", "check them, and the setup")
+
+    # E turns about the points' mean place. About the camera's centre a turn moves far points by much, which the
+    # translation has to take back: the steps follow a bent valley, and end in it where the hand hardly turns.
+    def arm(at: ReadFrames) -> Floats:
+        return np.asarray(at.frames.e_translation - exact.in_camera(at).mean(axis=0))
+
+    def turned(slope: Floats, at: ReadFrames) -> Floats:
+        slope[:, :3] -= slope[:, 3:6] @ cross_matrix(arm(at))
+        return slope
+
+    def jacobian(at: ReadFrames) -> Floats:
+        return turned(exact.jacobian(at), at) @ across(turned(exact.fixed(at), at))
+
+    def moved(at: ReadFrames, step: Floats) -> ReadFrames:
+        step = across(turned(exact.fixed(at), at)) @ step
+        turn, shifted = rotation_matrix(quaternion_from_rotation_vector(step[:3])), step.copy()
+        center = arm(at)
+        shifted[3:6] += turn @ center - center
+        return exact.moved(at, shifted)
+
+    at = least_squares(exact, jacobian, start, tolerance=1e-13, moved=moved, steps=_STEPS).at
+    steps = across(exact.fixed(at))
+    covariance = steps @ _covariance(exact.jacobian(at) @ steps, model(at)) @ steps.T
+    if study.uncertain:
+        deviation = np.maximum(study.pose_half_width, _LEAST_GAIN) / np.sqrt(3.0)
+        at, covariance, _ = _weighted_fit(model, at, max(alone, _LEAST_PIXEL), deviation)
+    return at, covariance
 
 
 _ROUNDS, _STILL = 50, 1e-3  # of deviations that are estimated, and what they may change by in the last one
@@ -305,7 +377,7 @@ def estimated_half_widths(study: HandEyeStudy) -> tuple[float, float]:
 def image_poses(study: HandEyeStudy) -> tuple[list[int], Pose, float]:
     """Images whose points determine a pose, the target's pose in the camera frame in each, and the deviation of the
     pixels that these leave, px per axis: no robot error enters."""
-    kept, fits, free, exact = [], [], 0, study.exactly()
+    kept, fits, free, exact = [], [], 0, replace(study.exactly(), known=())
     for k, count in enumerate(np.bincount(study.image, minlength=len(study.images)).tolist()):
         if count < _LEAST_POINTS:
             continue
@@ -400,12 +472,11 @@ def _inverse(normal: Floats) -> Floats:
 
 def _weak_directions(setup: Setup, frames: HandEyeFrames, covariance: Floats) -> list[str]:
     """Where camera and target are known far worse along a direction than across it, with figures."""
-    back = frames.e_rotation.T  # the camera's place is -R_E' t_E
-    slope = back @ np.concatenate([cross_matrix(frames.e_translation), np.eye(3)], axis=1)
+    slope = places(frames)[1]
     hand, base = ("hand", "base") if setup == "eye-in-hand" else ("base", "hand")
     said = []
     for name, frame, of in (
-        ("camera", hand, slope @ covariance[:6, :6] @ slope.T), ("target", base, covariance[9:, 9:])
+        ("camera", hand, slope[:3] @ covariance @ slope[:3].T), ("target", base, covariance[9:, 9:])
     ):  # fmt: skip
         squares, axes = np.linalg.eigh(of)
         across, along = np.sqrt(np.maximum(squares[1:], 0.0)).tolist()
@@ -482,6 +553,12 @@ def _step(model: PixelModel, at: ReadFrames, reach: Floats, worst: float) -> tup
     matrix = np.concatenate([slope, -slope]) / scale
     matrix = np.concatenate([matrix, -np.ones((len(matrix), 1))], axis=1)
     rhs = np.concatenate([width - residuals, width + residuals]) / scale
+    if model.study.known:
+        (place, by), ends = places(at.frames), model.given
+        room, moved = np.concatenate([ends[1] - place, place - ends[0]]), np.zeros((2 * len(by), matrix.shape[1]))
+        moved[:, :PARAMETERS] = np.concatenate([by, -by]) * reach[:PARAMETERS]
+        matrix = np.concatenate([matrix, moved[np.isfinite(room)]])
+        rhs = np.append(rhs, room[np.isfinite(room)])
     size = np.abs(matrix).max(axis=1)
     low, high = (np.clip(end / reach, -1.0, 1.0) for end in model.room(at))
     low, high, cost = np.append(low, 0.0), np.append(high, 2.0), np.append(np.zeros(model.size), 1.0)

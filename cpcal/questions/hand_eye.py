@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction as F
 from pathlib import Path
 from typing import Annotated
@@ -14,7 +14,7 @@ import numpy as np
 
 from cpcal.checker import Refused, Unusable
 from cpcal.checker.bounds import Bounds, between, matrix
-from cpcal.checker.frames import R_F, R_X, SIZE, T_F, T_X, holds, rotation
+from cpcal.checker.frames import GIVEN, R_F, R_X, SIZE, T_F, T_X, holds, rotation
 from cpcal.checker.hand_eye import (
     BEYOND,
     HAND_EYE_FORMAT,
@@ -33,7 +33,7 @@ from cpcal.common.numbers import at_least, at_most
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
 from cpcal.models.frames import COARSE, PlacedFrames, Proof, Prover, Tell, exact
-from cpcal.models.hand_eye import HandEyeStudy, load_study_json
+from cpcal.models.hand_eye import HandEyeStudy, Known, load_study_json
 from cpcal.models.hand_eye_fit import (
     ClassicalAnswer,
     PixelModel,
@@ -76,24 +76,41 @@ REACH = 2000.0  # mm: the box around the classical positions
 class Within:
     """A box about frames: positions within `reach` mm on each axis, rotations within `angle` degrees (None: any).
 
-    Raises InputError for a reach or an angle that is none.
+    `known`: positions that you know, such as ("camera.z", -10.0, 10.0): mm, of the camera in the hand (eye in hand) or
+    base frame, or of the "target" in the other one. They take the place of the reach, and are not proved.
+
+    Raises InputError for a reach or an angle that is none, and for known positions that are none.
     """
 
     reach: Annotated[float, _ASKED] = REACH
     angle: Annotated[float | None, _ASKED] = None
+    known: Annotated[Known, _ASKED] = ()
 
     def __post_init__(self) -> None:
         if not 0.0 < self.reach < 1e6 or (self.angle is not None and not 0.0 < self.angle <= 180.0):
             what = f"has an angle of {self.angle} degrees and a reach of {self.reach} mm"
             remedy = "give degrees up to 180 and mm above 0, such as 60,1000; or any,2000 for any rotation"
             raise unusable("the box", what, remedy)
+        for name, low, high in self.known:
+            if name not in GIVEN or not -1e6 < low < high < 1e6 or [one for one, *_ in self.known].count(name) > 1:
+                what = f"has {name} from {low} to {high} mm"
+                raise unusable("the box", what, f"give each of {', '.join(GIVEN)} once, the least value first")
 
     @staticmethod
-    def parsed(text: str) -> Within:
-        """Of `DEGREES,MM`, or `any,MM`. Raises InputError."""
+    def parsed(text: str, known: str = "") -> Within:
+        """Of `DEGREES,MM`, or `any,MM`, and of known positions, `camera.z=LOW:HIGH,...`. Raises InputError."""
+        given = []
+        for part in filter(None, known.split(",")):
+            name, _, ends = part.partition("=")
+            try:
+                low, high = map(float, ends.split(":"))
+            except ValueError:
+                remedy = "give mm, such as camera.z=-10:10,target.z=0:5"
+                raise unusable("option --known", f"is {known!r:.60}", remedy) from None
+            given.append((name.strip(), low, high))
         try:
             angle, reach = (part.strip() for part in text.split(","))
-            return Within(float(reach), None if angle == "any" else float(angle))
+            return Within(float(reach), None if angle == "any" else float(angle), tuple(given))
         except ValueError:
             remedy = "give degrees and mm, such as 60,1000; or any,2000 for any rotation"
             raise unusable("option --within", f"is {text!r:.60}", remedy) from None
@@ -322,7 +339,7 @@ def certify_hand_eye(
                   target was on average
 
     Raises InputError for a point that is none, for studies without a classical answer, for one whose points lie outside
-    of the box, and for fewer than four images a group.
+    of the box or, where positions are known, behind the camera, and for fewer than four images a group.
     """
     began, every = time.monotonic(), range(len(study.images))
     wrong, most = tolerance is not None and not 0.0 <= tolerance < math.inf, max(len(every) // _LEAST - 2, 0)
@@ -333,14 +350,17 @@ def certify_hand_eye(
         (nowhere, "point before the camera", f"is {at}", "give x, y, z in the camera frame, mm"),
         (not 0 <= outliers <= most, "outliers", f"is {outliers} of {len(every)} images", more),
     )
+    box = within or Within()
+    study = replace(study, known=box.known)
     left = trimmed_fit(study, outliers, np.random.default_rng(seed)) if outliers else []
     kept = [k for k in every if k not in left]
-    part, box = study.part(np.array(kept)) if left else study, within or Within()
+    part = study.part(np.array(kept)) if left else study
     classical = classical_answer(part)
     best = best_frames(part, classical)
-    asked = AskedBox(box.reach, box.angle, center=PlacedFrames.of(classical.frames))
-    point, angle = PlacedFrames.of(best.frames), None if asked.angle is None else F(asked.angle)
-    if not holds(point.numbers, asked.center.numbers, F(asked.reach), angle):
+    asked = AskedBox(box.reach, box.angle, box.known, center=PlacedFrames.of(classical.frames))
+    point, angle = PlacedFrames.of(best.frames, study.given), None if asked.angle is None else F(asked.angle)
+    given = [(name, F(low), F(high)) for name, low, high in asked.known]
+    if not holds(point.numbers, asked.center.numbers, F(asked.reach), angle, given):
         raise unusable("option --within", "leaves out the best frames found", "give a larger box")
     readings, own = (_stated_readings(study, kept, of.readings) for of in (best, classical))
     groups = [list(every[k :: outliers + 1]) for k in range(outliers + 1)]
@@ -571,12 +591,12 @@ def _not_least_squares(study: HandEyeStudy, found: HandEyeResult) -> str:
     """Why the box's centre is not the least-squares answer of the images that the point explains; empty if it is."""
     kept = [k for k, name in enumerate(study.images) if name not in found.left_out]
     try:
-        answer = classical_answer(study.part(np.array(kept)))
+        answer = classical_answer(replace(study, known=found.asked.known).part(np.array(kept)))
     except InputError as error:  # what a study must be for its answer to be computed again
         return str(error.problems[0])
     turn, place = np.sqrt(np.diagonal(answer.covariance)).reshape(2, 2, 3).max(axis=(0, 2))
-    near = _APART * min(place, found.asked.reach) + _ROUNDING, np.degrees(_APART * min(turn, 1.0) + _ROUNDING)
-    if not holds(PlacedFrames.of(answer.frames).numbers, found.asked.center.numbers, *map(F, near)):
+    near = F(_APART * min(place, found.asked.reach) + _ROUNDING), F(np.degrees(_APART * min(turn, 1.0) + _ROUNDING))
+    if not holds(PlacedFrames.of(answer.frames).numbers, found.asked.center.numbers, *near):
         return "it is not the least-squares answer"
     readings, own = found.classical.readings, _stated_readings(study, kept, answer.readings)
     if [len(row) for row in readings] == [6] * len(own):

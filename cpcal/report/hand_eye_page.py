@@ -131,7 +131,10 @@ def known_frames(found: HandEyeResult) -> Iterator[Section]:
         known.append((name, rounded_down(lo, 4), rounded_up(hi, 4), at_most(hi - lo, 3), unit))
     yield Section(
         title,
-        [f"All frames in the box that explain every pixel to within {tolerance} px have these parameters. Proved."],
+        [
+            f"All frames in the box that explain every pixel to within {tolerance} px have these parameters. Proved"
+            f"{given(found)}."
+        ],
         tables=[Table(("parameter", "at least", "at most", "width", "unit"), known, ("", "", "", "", "word"))],
         notes=["Turns are the rotation vector, in degrees, from the rotation of the best frames below."],
         parts=[frames],
@@ -183,10 +186,11 @@ def known_sentence(found: HandEyeResult) -> list[str]:
         else f"The point ({', '.join(map(stated, known.at))}) mm in the camera frame"
     )
     apart, turned = _apart(found, known, classical.camera_position, classical.camera_quaternion)
+    proved = "proved, if what you gave is true" if found.asked.known else "proved"
     unturned = "any turn" if known.turn >= 180.0 else f"{at_most(known.turn, 2)} degrees"
     said = [
         f"{where} is known in the {'hand' if found.setup == 'eye-in-hand' else 'base'} frame to within "
-        f"{at_most(known.place, 2)} mm and {unturned} (proved); least squares puts it "
+        f"{at_most(known.place, 2)} mm and {unturned} ({proved}); least squares puts it "
         f"{about(apart, 2)} mm and {about(turned, 2)} degrees from the best frames."
     ]
     if found.others:
@@ -232,20 +236,31 @@ def searched(found: HandEyeResult) -> str:
     turned = "any rotation" if found.asked.angle is None else f"rotations within {stated(found.asked.angle)} degrees"
     return (
         f"{titled(found.setup, found.provenance)}: {found.images} images, {found.points:,} points. "
-        f"Searched: {turned}, positions within {stated(found.asked.reach)} mm of the least-squares answer."
+        f"Searched: {turned}, positions within {stated(found.asked.reach)} mm of the least-squares answer"
+        f"{given(found)}."
     )
+
+
+def given(found: HandEyeResult) -> str:
+    """Positions that the user knows."""
+    frames = dict(zip(("camera", "target"), _FRAMES[found.setup], strict=True))
+    ends = [
+        f"{frames[name[:-2]]}, {name[-1]} from {stated(low)} to {stated(high)} mm"
+        for name, low, high in found.asked.known
+    ]
+    return f". Given by you, not proved: {'; '.join(ends)}" if ends else ""
 
 
 def sentences(found: HandEyeResult) -> list[str]:
     """The answer in a few lines."""
     low, high = bracket_text(found.eps_lo, found.eps_hi)
     said = []
-    one, eps = found.outliers == 1, at_least(found.eps, 4)
+    one, eps, values = found.outliers == 1, at_least(found.eps, 4), " within the given values" * bool(found.asked.known)
     if found.outliers:
         left, which = ", ".join(found.left_out), "one is" if one else f"{found.outliers} are"
         said.append(f"Some frames explain every pixel of all images but {left} to within {high} px (proved).")
         if found.eps_lo > 0.0:
-            said.append(f"Whichever {which} left out, no frames explain all others to {low} px (proved).")
+            said.append(f"Whichever {which} left out, no frames{values} explain all others to {low} px (proved).")
         proved = [image for image, _ in found.blamed]
         fits = f"if at most {which} and right ones fit to {at_most(found.eps, 5)} px (proved)."
         said += [f"{image} is wrong, {fits}" for image in proved]
@@ -253,14 +268,20 @@ def sentences(found: HandEyeResult) -> list[str]:
         if undecided:
             said.append(f"Not proved to be wrong, though the others fit best without: {', '.join(undecided)}.")
     elif found.eps_lo > 0.0:
-        said.append(f"No frames explain every pixel to within {low} px (proved); some explain every one to {high} px.")
+        said.append(
+            f"No frames{values} explain every pixel to within {low} px (proved); some explain every one to {high} px."
+        )
     else:
-        said.append(f"Some frames explain every pixel to within {high} px (proved); nothing is proved from below.")
+        said.append(
+            f"Some frames{values} explain every pixel to within {high} px (proved); nothing is proved from below."
+        )
     if found.readings:
         told = found.provenance.get("half_widths", "as the study states")
         said.append(f"Robot poses are uncertain ({told}): a pixel is explained at some reading of its image's pose.")
     if not found.complete and not found.outliers:
-        more = "more time (--time-limit)" if found.timed else "a smaller --within"
+        more = (
+            "more time (--time-limit)" if found.timed else "a smaller --within, or a position that you know (--known),"
+        )
         said.append(f"The bracket is open: {more} may close it.")
     if found.tolerance is not None and not found.outliers:
         word = {True: "met", False: "refuted: no frames in the box meet it", None: "undecided"}[found.passes]

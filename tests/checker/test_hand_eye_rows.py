@@ -188,8 +188,10 @@ def test_rows_that_are_none_are_refused():
                 rows.row(*tag)
 
 
+@pytest.mark.parametrize("given", [{}, {1: (-70, -60), 9: (-1, 60)}])
 @pytest.mark.parametrize("angle", [None, F(1, 1000), F(3, 2), F(60), F(179), F(180)])
-def test_the_box_that_was_asked_for_holds_all_frames_within_its_angle_and_reach(angle):
+def test_the_box_that_was_asked_for_holds_all_frames_within_its_angle_and_reach(angle, given):
+    """Positions that are `given`, from the centre's, are within their own ends instead."""
     random = np.random.default_rng(2)
     center = [
         *rational(random, 3, 500.0),
@@ -198,7 +200,9 @@ def test_the_box_that_was_asked_for_holds_all_frames_within_its_angle_and_reach(
         *rational(random, 4, 1.0),
     ]
     hand, board = rational(random, 3, 100.0), rational(random, 3, 100.0)
-    box = asked_box(center, F(50), angle, hand, board)
+    names = {1: "camera.y", 9: "target.z"}
+    known = [(names[k], center[k] + low, center[k] + high) for k, (low, high) in given.items()]
+    box = asked_box(center, F(50), angle, known, hand, board)
     most = np.pi if angle is None else np.radians(float(angle))
     for _ in range(200):
         axes = random.normal(size=(2, 3))
@@ -209,7 +213,9 @@ def test_the_box_that_was_asked_for_holds_all_frames_within_its_angle_and_reach(
             q = product_of(more, np.array([float(v) for v in center[first + 3 : first + 7]]))
             shift = [v + s for v, s in zip(center[first : first + 3], rational(random, 3, 50.0), strict=True)]
             placed += [*shift, *(F(float(v)) for v in q)]
-        assert holds(placed, center, F(50), angle)
+        for k, ends in given.items():
+            placed[k] = center[k] + F(int(random.integers(ends[0], ends[1] + 1)))
+        assert holds(placed, center, F(50), angle, known)
         x_turn, f_turn = (turned(placed[k : k + 4]) for k in (3, 10))
         e = applied(across(x_turn), [w - t for w, t in zip(hand, placed[:3], strict=True)])
         f = [a + b for a, b in zip(applied(f_turn, board), placed[7:10], strict=True)]
@@ -217,6 +223,11 @@ def test_the_box_that_was_asked_for_holds_all_frames_within_its_angle_and_reach(
     for sign in (-1, 1):  # the edge itself
         edge = [v + sign * 50 if k % 7 < 3 else v for k, v in enumerate(center)]
         assert holds(edge, center, F(50), angle)
+        for k, ends in given.items():
+            edge[k] = center[k] + ends[sign > 0]
+        assert holds(edge, center, F(50), angle, known)
+        for k in given:
+            assert not holds([v + F(sign, 1000) * (n == k) for n, v in enumerate(edge)], center, F(50), angle, known)
     away = list(center)
     away[8] += F(51)
     assert not holds(away, center, F(50), angle)

@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,10 @@ import pytest
 
 from cpcal.checker.hand_eye import HandEyeCertificates
 from cpcal.common.values import Floats
-from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, study_json
+from cpcal.models.hand_eye import CAMERA, HandEyeFrames, HandEyeStudy, study_json, study_of_board
 from cpcal.models.hand_eye_fit import classical_answer
 from cpcal.questions import hand_eye
+from cpcal.robot import Pose, compose, inverse, normalised, quaternion_from_rotation_vector, quaternion_product
 from tests.models.known_robot import known
 
 __all__ = ["known"]
@@ -26,6 +28,24 @@ def unknowns_of(frames: HandEyeFrames) -> Floats:
     """(24,): R and t of both frames, as users want them."""
     x = frames.e_rotation.T
     return np.concatenate([x.ravel(), -x @ frames.e_translation, frames.f_rotation.ravel(), frames.f_translation])
+
+
+def cart(seed: int, images: int = 12, tilt: float = 0.0) -> tuple[HandEyeStudy, HandEyeFrames]:
+    """A camera on a cart that turns about the height alone, but for a tilt (rad): no pixel tells how high it is."""
+    random = np.random.default_rng(seed)
+    facing = normalised(np.array([0.5, -0.5, 0.5, -0.5]))
+    camera = Pose(np.array([100.0, 20.0, 300.0]), facing)
+    board = np.array([[x, y, 0.0] for x in (-100.0, -30.0, 30.0, 100.0) for y in (-70.0, 0.0, 70.0)])
+    leaning = quaternion_from_rotation_vector(np.array([0.1, 0.3, 0.05]))
+    target = Pose(np.array([1500.0, 50.0, 350.0]), quaternion_product(facing, leaning))
+    turns = random.uniform(-1.0, 1.0, (images, 3)) * [tilt, tilt, 0.35]
+    where = random.uniform([400.0, -150.0, 0.0], [800.0, 150.0, 0.0], (images, 3))
+    hand, e = Pose(where, quaternion_from_rotation_vector(turns)), inverse(camera)
+    seen = compose(compose(e, inverse(hand)), target)
+    names = tuple(f"i{k}" for k in range(images))
+    exact = study_of_board(hand, seen, board, setup="eye-in-hand", camera=CAMERA, images=names)
+    study = replace(exact, pixels=exact.pixels + random.uniform(-0.1, 0.1, exact.pixels.shape))
+    return study, HandEyeFrames(e.rotation, e.position, target.rotation, target.position)
 
 
 def bytes_of(folder: Path, name: Any, seen: tuple[Any, ...] = ()) -> Any:
@@ -58,7 +78,7 @@ def judged_once() -> Iterator[None]:
         return self.known[name]
 
     def answered(study: HandEyeStudy) -> Any:
-        key = study_json(study)
+        key = study_json(study), study.known
         if key not in answers:
             answers[key] = answer(study)
         return answers[key]

@@ -6,13 +6,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cpcal.checker.frames import GIVEN
 from cpcal.common.errors import InputError
 from cpcal.models import hand_eye_fit
 from cpcal.models.frames import PlacedFrames
-from cpcal.models.hand_eye import CAMERA, load_hand_eye, save_hand_eye, simulate_hand_eye, study_of_board
-from cpcal.models.hand_eye_fit import PixelModel, ReadFrames, classical_answer, estimated_half_widths, opencv_answers
+from cpcal.models.hand_eye import SimulatedHandEye, load_hand_eye, save_hand_eye, simulate_hand_eye
+from cpcal.models.hand_eye_fit import (
+    PixelModel,
+    ReadFrames,
+    classical_answer,
+    estimated_half_widths,
+    excess,
+    minimax_fit,
+    opencv_answers,
+    places,
+)
 from cpcal.models.hand_eye_sources import with_half_widths
-from cpcal.robot import Pose, compose, inverse, normalised, quaternion_from_rotation_vector, quaternion_product
+from cpcal.robot import Pose
+from tests.models.conftest import cart
 
 SETUPS = ["eye-in-hand", "eye-to-hand"]
 
@@ -37,29 +48,44 @@ def test_without_errors_the_truth_is_found(setup):
 def test_of_a_cart_on_a_floor_all_is_found_but_the_height_whose_error_is_said(tilt, seed):
     """It turns about one axis, but for a tilt (rad) that single images see less well: angles about it that the closed
     form leaves open come from the translations."""
-    random, images = np.random.default_rng(seed), 12
-    facing = normalised(np.array([0.5, -0.5, 0.5, -0.5]))
-    camera = Pose(np.array([100.0, 20.0, 300.0]), facing)
-    board = np.array([[x, y, 0.0] for x in (-100.0, -30.0, 30.0, 100.0) for y in (-70.0, 0.0, 70.0)])
-    leaning = quaternion_from_rotation_vector(np.array([0.1, 0.3, 0.05]))
-    target = Pose(np.array([1500.0, 50.0, 350.0]), quaternion_product(facing, leaning))
-    turns = random.uniform(-1.0, 1.0, (images, 3)) * [tilt, tilt, 0.35]
-    places = random.uniform([400.0, -150.0, 0.0], [800.0, 150.0, 0.0], (images, 3))
-    hand = Pose(places, quaternion_from_rotation_vector(turns))
-    seen = compose(compose(inverse(camera), inverse(hand)), target)
-    names = tuple(f"i{k}" for k in range(images))
-    exact = study_of_board(hand, seen, board, setup="eye-in-hand", camera=CAMERA, images=names)
-    study = replace(exact, pixels=exact.pixels + random.uniform(-0.1, 0.1, exact.pixels.shape))
+    study, truth = cart(seed, tilt=tilt)
     found = classical_answer(study)
     assert found.rms < 0.1
-    at = PlacedFrames.of(found.frames)
-    off = np.array([at.camera_position, at.target_position]) - np.array([camera.position, target.position])
+    off = (places(found.frames)[0] - places(truth)[0]).reshape(2, 3)
     assert np.abs(off[:, :2]).max() < 0.5
     assert len(found.remarks) == 2
     for said, name, frame, error in zip(found.remarks, ("camera", "target"), ("hand", "base"), off[:, 2], strict=True):
         assert f"the place of the {name} along (0.00, 0.00, 1.00) of the {frame} frame" in said
         known = re.search(r"frame to ([\d.]+) mm", said)
         assert abs(error) < 4.0 * float(known[1]) if known else "frame not at all" in said
+
+
+@pytest.mark.parametrize("off", [0.0, 0.3, 20.0])
+@pytest.mark.parametrize("uncertain", [False, True])
+@pytest.mark.parametrize("seed", range(3))
+def test_known_positions_are_heeded_by_both_fits_and_nothing_near_is_better(seed, uncertain, off):
+    """Some of the two, up to all six, at the truth or `off` mm beside it; a cart leaves heights to them."""
+    random = np.random.default_rng(seed)
+    simulated = SimulatedHandEye(*cart(seed, images=6)) if seed else simulate_hand_eye(images=6, seed=seed)
+    study, true = simulated.study, places(simulated.truth)[0]
+    half = random.uniform(0.01, 0.5, 6)
+    middle = true + off * random.choice([-1.0, 0.0, 1.0], 6) + 0.9 * half * random.uniform(-1.0, 1.0, 6)
+    chosen = sorted(random.choice(6, random.integers(2, 7), replace=False))
+    known = tuple((list(GIVEN)[k], float(middle[k] - half[k]), float(middle[k] + half[k])) for k in chosen)
+    study = with_half_widths(replace(study, known=known), "0.1,0.02" if uncertain else "0,0")
+    answer, model, (low, high) = classical_answer(study), PixelModel(study), study.given
+    fits = [ReadFrames(answer.frames, answer.readings)]
+    fits.append(minimax_fit(model, fits[0])[0])
+    for at, cost in zip(fits, (lambda at: np.sum(model(at) ** 2), lambda at: excess(model, at)), strict=True):
+        place = places(at.frames)[0]
+        assert (low - 1e-8 < place).all()
+        assert (place < high + 1e-8).all()
+        for _ in range(0 if uncertain else 200):
+            step = random.normal(size=12) * np.tile([1e-6] * 3 + [1e-3] * 3, 2)
+            assert cost(model.moved(at, step)) > cost(at) * (1.0 - 1e-5)
+    assert excess(model, fits[1]) <= excess(model, fits[0])
+    contradicted = any("contradict the given values" in said for said in answer.remarks)
+    assert contradicted == (off == 20.0) or off == 0.3
 
 
 def test_a_hand_that_does_not_turn_is_refused():

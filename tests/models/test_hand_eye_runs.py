@@ -50,7 +50,7 @@ from cpcal.robot import (
 )
 from tests.changed import put
 from tests.every_key import accepted_changes
-from tests.models.conftest import unknowns_of
+from tests.models.conftest import cart, unknowns_of
 
 NEAR = Within(50.0, 1.5)
 WIDTH, BEYOND = 0.1, 0.1  # px: half-width of a pixel, and how far beyond it every pixel is off
@@ -118,11 +118,21 @@ def wrong(tmp_path_factory):
         return certified(run, outliers=1, within=NEAR)
 
 
+KNOWN = ("camera.z", 291.0, 301.0)  # mm; 300 is true
+
+
+@pytest.fixture(scope="module")
+def given(tmp_path_factory):
+    """A cart turns about the height alone; how high the camera is on it, the user knows."""
+    run = Run(tmp_path_factory.mktemp("runs") / "given", *cart(1, images=5))
+    return certified(run, within=Within(known=(KNOWN,)))
+
+
 # what is true ------------------------------------------------------------------------------------------------------
 
 
-def test_runs_are_verified_and_read_back(exact_run, uncertain, wrong):
-    for run in (exact_run, uncertain, wrong):
+def test_runs_are_verified_and_read_back(exact_run, uncertain, wrong, given):
+    for run in (exact_run, uncertain, wrong, given):
         assert [accepted for accepted, _ in verify_hand_eye(run.folder)] == [True] * 6
         assert load_hand_eye_result(run.folder) == run.result
         assert load_study_json(run.folder) == run.study
@@ -170,6 +180,33 @@ def test_a_camera_just_beyond_an_end_of_the_ranges_is_outside_and_the_page_says_
     assert found.ranges.hold(at_end)
     assert not found.ranges.hold(beyond)
     assert known_sentence(replace(found, others=(within, beyond)))[1].endswith("outside of the proved ranges: Li.")
+
+
+def test_a_known_height_bounds_what_the_pixels_leave_open_and_is_never_called_proved(given, tmp_path):
+    """The target's height, which no one gave, by its tie to the camera's."""
+    x, ranges = unknowns_of(given.truth), given.result.ranges
+    assert (np.array(ranges.lo)[:24] <= x).all()
+    assert (x <= np.array(ranges.hi)[:24]).all()
+    assert KNOWN[1:] == (pytest.approx(ranges.low[2], abs=1e-9), pytest.approx(ranges.high[2], abs=1e-9))
+    assert 10.0 < ranges.high[8] - ranges.low[8] < 11.5
+    assert given.result.complete
+    sentences = [said for _, said in verify_hand_eye(given.folder)]
+    assert "given, not proved: camera.z from 291.0 to 301.0 mm" in sentences[0]
+    for said in sentences[1:3]:
+        assert "PROVED" in said
+        assert "if the given values are true" in said
+    page = write_hand_eye(given.result, tmp_path).read_text()
+    assert page.count("Given by you, not proved: camera in hand, z from 291 to 301 mm") == 2
+    assert "proved, if what you gave is true" in page
+
+
+def test_a_known_value_that_the_data_contradict_raises_eps_and_that_is_proved(exact_run, tmp_path):
+    free, place = exact_run.result, exact_run.result.point.target_position[1]
+    run = Run(tmp_path / "run", exact_run.study, exact_run.truth)
+    certified(run, within=replace(NEAR, known=(("target.y", place + 1.0, place + 3.0),)), gap=0.1)
+    assert free.eps_hi < 0.5 * run.result.eps_lo
+    assert any(said.startswith("The data contradict the given values") for said in run.result.remarks)
+    assert all(accepted for accepted, _ in verify_hand_eye(run.folder))
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (1, 2, 3))])
@@ -325,6 +362,11 @@ FORGED = HARDLY | {
     "a reason without the image": (
         "wrong", put("blamed", 0, 1, 0, "images", to=lambda one: [v for v in one if v != "image005"]),
         "wrong images", "a group without the image"),
+    "a wider given value": ("given", put("asked", "known", 0, 1, to=290.0), "ranges", BOX),
+    "a narrower one": ("given", put("asked", "known", 0, 2, to=300.5), "lower end", BOX),
+    "none given": ("given", put("asked", "known", to=[]), "ranges", BOX),
+    "one that certificates do not have": ("exact_run", put("asked", "known", to=[KNOWN]), "ranges", BOX),
+    "a point beside it": ("given", put("asked", "known", 0, 1, to=300.9), "upper end", "that is not in the box"),
     "an infinite place": ("exact_run", put("point", "camera_position", 0, to="inf"), "upper end", "it holds 'inf'"),
     "ranges that nobody proved": (
         "wrong", put("ranges", to={"certificate": "lower-1-links.cert.jsonl", "known": None} | EMPTY),
@@ -333,9 +375,37 @@ FORGED = HARDLY | {
 
 
 @pytest.mark.parametrize("name", FORGED)
-def test_a_forged_number_is_refused(exact_run, uncertain, wrong, refused, name):
+def test_a_forged_number_is_refused(request, refused, name):
     run, *change = FORGED[name]
-    refused({"exact_run": exact_run, "uncertain": uncertain, "wrong": wrong}[run].folder, "handeye.json", *change)
+    refused(request.getfixturevalue(run).folder, "handeye.json", *change)
+
+
+@pytest.mark.parametrize(
+    ("known", "reason"),
+    [
+        ([["camera.z", "0x1.22p+8", "0x1.2dp+8"]], "it rests on .*about something else|less than the bound"),
+        ([], "about something else|less than the bound"),
+        ([["camera.z", "0x1.2dp+8", "0x1.23p+8"]], "its least value is above"),
+        ([["camera.w", "0x1p+0", "0x1p+1"]], "'camera.w'"),
+        ([["camera.z", "0x1.23p+8", "0x1.2dp+8"]] * 2, "is given twice"),
+        ("0x1p+0", "a list is needed"),
+    ],
+)
+def test_a_certificate_that_begins_with_other_given_values_is_refused(given, refused, known, reason):
+    change = lines_changed(put(0, "asked", "known", to=known))
+    refused(given.folder, "ranges.cert.jsonl", change, "ranges", reason)
+
+
+@pytest.mark.parametrize("known", [[], [("camera.z", 290.0, 301.0)]])
+def test_steps_that_hold_within_the_given_values_prove_nothing_beyond_where_all_files_say_so(
+    given, refused, tmp_path, known
+):
+    shutil.copytree(given.folder, tmp_path / "wider")
+    header = [[name, *(float(v).hex() for v in ends)] for name, *ends in known]
+    for path in (tmp_path / "wider").glob("*.cert.jsonl"):
+        path.write_text(lines_changed(put(0, "asked", "known", to=header))(path.read_text()))
+    change = put("asked", "known", to=known)
+    refused(tmp_path / "wider", "handeye.json", change, "ranges", "less than the bound|do not exclude|is wider")
 
 
 @pytest.mark.parametrize(
@@ -343,6 +413,7 @@ def test_a_forged_number_is_refused(exact_run, uncertain, wrong, refused, name):
     [
         (put("asked", "angle", to=720.0), "an angle of 720.0 degrees"),
         (put("asked", "reach", to=-1.0), "a reach of -1.0 mm"),
+        (put("asked", "known", to=[["camera.z", 1.0, 1.0]]), "camera.z from 1.0 to 1.0 mm"),
         (put("asked", "center", "target_quaternion", to=[0.0] * 4), "a quaternion is of no rotation"),
         (put("asked", "center", "target_position", to=[0.0]), "no list of 3"),
     ],
