@@ -67,14 +67,15 @@ def _statements(target: Path, campaign: Path | None, work: int) -> Iterator[tupl
     elif not target.is_dir():
         yield True, f"PROVED: {stated(check(target, campaign, work=work or WORK))}"
     else:
-        inner = sorted(path.parent for path in target.glob(f"[!.]*/{RESULT_NAME}"))  # no draft of a run that was killed
+        found = (path.parent for name in (RESULT_NAME, STUDY_NAME) for path in target.glob(f"[!.]*/{name}"))
+        inner = sorted(set(found))  # no draft of a run that was killed
         if (target / RESULT_NAME).exists() or not inner:
             yield from _legs(target, work)
             return
         for run in inner:
             yield True, f"{run.name}:"
             try:
-                yield from _legs(run, work)
+                yield from _statements(run, None, work)
             except Refused as reason:
                 yield False, f"REFUSED: {reason}"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -14,7 +15,7 @@ from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import listed
 from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, rounded_down, rounded_up
 from cpcal.files import load_study
-from cpcal.files.run_folder import HANDEYE
+from cpcal.files.run_folder import HANDEYE, check_replaceable
 from cpcal.models.hand_eye import (
     HandEyeStudy,
     Setup,
@@ -46,7 +47,16 @@ from cpcal.questions.hand_eye import (
     save_hand_eye_result,
 )
 from cpcal.questions.next_measurement import next_images
-from cpcal.report.hand_eye_page import answered, known_frames, searched, write_hand_eye
+from cpcal.report.hand_eye_page import (
+    BOTH,
+    HAND_EYE_PAGE,
+    answered,
+    known_frames,
+    question,
+    searched,
+    write_both,
+    write_hand_eye,
+)
 from cpcal.robot.units import CONTROLLERS
 from cpcal.vision.batch.detect import hinted
 from cpcal.vision.files.plate_and_camera import load_camera, load_target
@@ -159,6 +169,13 @@ def certify(
     ),
     poses: Path | None = option(None, "With --next: what the robot can reach: image,x,y,z,qw,qx,qy,qz.", "CSV"),
     within: str = option("any,2000", "Search within these of the classical answer; 'any' for all rotations.", "DEG,MM"),
+    poses_off: str | None = option(
+        None,
+        "Ask twice: with exact poses, and with poses that may be off by so much on each axis, or by what is "
+        "'estimated' from the data.",
+        "MM,DEG",
+        "--off",
+    ),
     known: str = option(
         "", "Positions that you know, mm: of camera or target, in the hand or base frame.", "camera.z=LOW:HIGH,..."
     ),
@@ -183,7 +200,12 @@ def certify(
     together, alone = "--next and --poses go together", "--gap, --time-limit and --at have no meaning with --wrong"
     refuse(
         ((count is None) != (poses is None), "options", together, "give both, or none"),
-        (bool(count is not None and known), "option --known", "has no meaning with --next", "leave it out"),
+        (
+            bool(count is not None and (known or poses_off)),
+            "--known and --off",
+            "have no meaning with --next",
+            "leave them out",
+        ),
         (count is None and run is None, "option --output", "is missing", "name a folder for the run"),
         (wrong and (gap != GAP or time_limit is not None or at is not None), "options", alone, "leave them out"),
     )
@@ -193,10 +215,10 @@ def certify(
     assert run is not None
     point, box = numbers_of(at, float, "x, y, z in mm", "--at"), Within.parsed(within, known)
 
-    def find(draft: Path) -> HandEyeResult:
-        (draft / STUDY_NAME).write_bytes(study_json(study))  # for whoever checks the run
+    def find(part: HandEyeStudy, draft: Path) -> HandEyeResult:
+        (draft / STUDY_NAME).write_bytes(study_json(part))  # for whoever checks the run
         return certify_hand_eye(
-            study,
+            part,
             outliers=wrong,
             within=box,
             tolerance=tolerance,
@@ -209,10 +231,23 @@ def certify(
 
     def show(found: HandEyeResult) -> None:
         talk.say(searched(found))
-        show_sections(talk, answered(found), *known_frames(found))
+        title = "Answer" if poses_off is None else question(found)
+        show_sections(talk, answered(found)._replace(title=title), *known_frames(found))
 
-    found = answer(run, HANDEYE, find, save_hand_eye_result, write_hand_eye, show, talk)
-    good = found.eps_lo > 0.0 if wrong else found.complete if found.tolerance is None else found.passes
+    parts = [(run, study)]
+    if poses_off is not None:
+        check_replaceable(run, HANDEYE)
+        if (run / HANDEYE.head).exists():
+            raise unusable(run, "holds the run of one question", "name another folder for --off")
+        parts = list(
+            zip([run / name for name in BOTH], [study.exactly(), with_half_widths(study, poses_off)], strict=True)
+        )
+    good = True
+    for place, part in parts:
+        found = answer(place, HANDEYE, partial(find, part), save_hand_eye_result, write_hand_eye, show, talk)
+        good &= bool(found.eps_lo > 0.0 if wrong else found.complete if found.tolerance is None else found.passes)
+    if poses_off is not None:
+        talk.say(f"Both: {write_both(run, run / HAND_EYE_PAGE)}")
     return Status.ANSWERED if good else Status.UNKNOWN
 
 

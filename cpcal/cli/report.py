@@ -12,7 +12,7 @@ import numpy as np
 import typer
 
 from cpcal.cli.verbs import CAMPAIGN, FITS, RUN, TIMEOUT, Status, Talk, answer, argument, numbers_of, option, output
-from cpcal.cli.verify import checked_certificates, refusals
+from cpcal.cli.verify import checked_certificates, refusals, runs_in
 from cpcal.common.documents import toml_text
 from cpcal.common.errors import printable, unusable
 from cpcal.common.files import write_file
@@ -84,6 +84,8 @@ def report(
     `cpcal demo` wrote it is the page of the whole study; its certificates are checked anew.
     """
     kind = next((kind for kind in (HANDEYE, ACCURACY) if (run / kind.head).is_file()), None)
+    both = kind is None and any((inner / HANDEYE.head).is_file() for inner in runs_in(run))
+    kind = HANDEYE if both else kind
     file = page or (run / REPORT_NAME if kind is None else (run / kind.head).with_suffix(".html"))
     if file.is_dir():
         raise unusable(str(file), "is a folder", "name a file, such as report.html")
@@ -91,7 +93,11 @@ def report(
         write_file(file, render_study(study_found(run), run / RUN))
     else:
         _accepted(run)
-        if kind is HANDEYE:  # each kind of run loads its own page alone
+        if both:
+            from cpcal.report.hand_eye_page import write_both
+
+            write_both(run, file)
+        elif kind is HANDEYE:  # each kind of run loads its own page alone
             from cpcal.report.hand_eye_page import write_hand_eye
 
             write_hand_eye(load_hand_eye_result(run), file.parent, file.name)

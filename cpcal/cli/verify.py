@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
@@ -141,16 +142,19 @@ def refusals(folder: Path) -> list[str]:
 
 
 def runs_in(folder: Path) -> list[Path]:
-    """The runs of one campaign in several models; no draft of a run that was killed."""
-    return sorted(path.parent for path in folder.glob(f"[!.]*/{RUN.head}"))
+    """The runs of one campaign in several models, or of one hand-eye study; no draft of a run that was killed."""
+    return sorted(path.parent for kind in (RUN, HANDEYE) for path in folder.glob(f"[!.]*/{kind.head}"))
 
 
 def _other_campaign(target: Path, campaign: Path) -> Iterator[Statement]:
     """Whether the run's campaign, or hand-eye study, is another than the one in the folder. Raises InputError."""
-    if (target / HANDEYE.head).exists():
+    if runs := [run for run in (target, *runs_in(target)) if (run / HANDEYE.head).exists()]:
         from cpcal.models.hand_eye import load_hand_eye, load_study_json
 
-        if load_study_json(target) != load_hand_eye(campaign):
+        studies = [load_hand_eye(campaign), *map(load_study_json, runs)]
+        if target not in runs:  # of both questions: half-widths are the run's own
+            studies = [replace(study.exactly(), provenance={}) for study in studies]
+        if any(study != studies[0] for study in studies):
             yield False, "study: REFUSED, the hand-eye study is another one"
         return
     from cpcal.files import campaign_sha256, load_campaign, load_campaign_json

@@ -266,8 +266,8 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
     if not study.uncertain and 0.0 < _APART * alone < rms:
         remarks.append(
             f"Single images fit to {nearest(alone, 2)} px rms, all together to {nearest(rms, 2)} px: the robot's poses "
-            "are off by more than the pixels. cpcal handeye study --of STUDY --off estimated makes a study that weighs "
-            "them."
+            "are off by more than the pixels. cpcal handeye certify --off estimated asks with exact poses, and with "
+            "poses that may be off."
         )
     free, (at, covariance) = places(at.frames)[0], _within_given(study, at, covariance, alone)
     residuals = model(at)

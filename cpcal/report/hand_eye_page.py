@@ -10,13 +10,14 @@ import numpy as np
 
 from cpcal.common.files import StrPath, listed
 from cpcal.common.numbers import about, at_least, at_most, bracket_text, nearest, rounded_down, rounded_up, stated
-from cpcal.questions.hand_eye import PARAMETERS, HandEyeResult, KnownPoint
+from cpcal.questions.hand_eye import PARAMETERS, HandEyeResult, KnownPoint, load_hand_eye_result
 from cpcal.report.figures import residuals_svg
-from cpcal.report.section import Drawing, Page, Section, Table, origin, verdict
+from cpcal.report.section import Drawing, Mark, Page, Section, Table, origin, verdict
 from cpcal.robot import Pose, distances, normalised, transformed
 from cpcal.robot.campaign import titled
 
 HAND_EYE_PAGE = "handeye.html"
+BOTH = "exact", "uncertain"  # folders of the runs of one study: with exact poses, and with poses that may be off
 _MOST = 40  # rows of a table
 _CHECKED = (
     "weights that exact rational arithmetic accepts, on rows that the checker forms from study.json. cpcal verify "
@@ -44,6 +45,32 @@ def write_hand_eye(found: HandEyeResult, folder: StrPath, name: str = HAND_EYE_P
         lead=searched(found),
     )
     return page.write(Path(folder) / name)
+
+
+def write_both(run: Path, file: Path) -> Path:
+    """Write the page of both questions about a study, from the runs in a folder; its path."""
+    both = [load_hand_eye_result(run / name) for name in BOTH]
+    exact = both[0]
+    sections = [answered(found)._replace(title=question(found), parts=[*known_frames(found)]) for found in both]
+    pages = {
+        name: Mark(question(found), link=f"{name}/{HAND_EYE_PAGE}") for name, found in zip(BOTH, both, strict=True)
+    }
+    page = Page(
+        titled(f"Hand-eye calibration: {exact.setup}, two questions", exact.provenance),
+        "hand-eye calibration",
+        "How well do any frames explain the pixels, and how far is the robot off?",
+        [*sections, origin(pages, f"Certified by cpcal {exact.version}.")],
+        lead=searched(exact),
+    )
+    return page.write(file)
+
+
+def question(found: HandEyeResult) -> str:
+    """What a run takes the robot's poses for, and what its eps* means."""
+    if not found.readings:
+        return "If the robot's poses are exact: eps* is the error of pixels and robot"
+    told = found.provenance.get("half_widths", "as the study states")
+    return f"If each pose may be off ({told}; assumed): eps* is the error of the pixels alone"
 
 
 def answered(found: HandEyeResult) -> Section:

@@ -25,7 +25,14 @@ from cpcal.checker.readers import dyadic
 from cpcal.cli import app
 from cpcal.common.errors import InputError
 from cpcal.models.frames import PlacedFrames, Prover, exact, exact_study
-from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, load_study_json, simulate_hand_eye, study_json
+from cpcal.models.hand_eye import (
+    HandEyeFrames,
+    HandEyeStudy,
+    load_study_json,
+    save_hand_eye,
+    simulate_hand_eye,
+    study_json,
+)
 from cpcal.models.hand_eye_fit import classical_answer
 from cpcal.models.hand_eye_sources import read_pose_pairs, study_of_pairs
 from cpcal.questions import hand_eye
@@ -554,6 +561,37 @@ def test_every_change_outside_of_the_information_is_refused(exact_run, uncertain
         less = re.compile(r"blamed: .* to \[\]")  # who names no image claims nothing of any
         changes = accepted_changes(folder / "handeye.json", verified, thorough=thorough)
         assert [change for change in changes if not less.fullmatch(change)] == []
+
+
+def test_one_command_asks_with_exact_poses_and_with_poses_that_may_be_off(exact_run, tmp_path):
+    def cpcal_(*arguments):
+        return CliRunner().invoke(app, [str(part) for part in arguments], prog_name="cpcal")
+
+    study, run, page = tmp_path / "study", tmp_path / "run", tmp_path / "run" / "handeye.html"
+    save_hand_eye(exact_run.study, study)
+    asked = ("handeye", "certify", study, "-o", run, "--off", "0.1,0.02", "--within", "1.5,50", "--gap", "0.2")
+    outcome = cpcal_(*asked)
+    assert outcome.exit_code == 0, outcome.output
+    exact_poses, off = (load_hand_eye_result(run / name) for name in ("exact", "uncertain"))
+    assert off.readings
+    assert not exact_poses.readings
+    means = [
+        "eps* is the error of pixels and robot",
+        "(stated: 0.1 mm, 0.02 degrees; assumed): eps* is the error of the",
+    ]
+    assert all(said in " ".join(outcome.output.split()) and said in page.read_text() for said in means)
+    written = page.read_bytes()
+    assert cpcal_("report", run).exit_code == 0
+    assert page.read_bytes() == written
+    assert "8 of 8 proofs hold" in cpcal_("verify", run, "--campaign", study).output
+    assert checked_alone(Run(run, exact_run.study, None)).returncode == 0
+    other = save_hand_eye(replace(exact_run.study, pixels=exact_run.study.pixels + 1e-6), tmp_path / "other")
+    assert "the hand-eye study is another one" in cpcal_("verify", run, "--campaign", other).output
+    forged = run / "uncertain" / "handeye.json"
+    forged.write_text(json.dumps(json.loads(forged.read_text()) | {"eps_lo": 1.0}))
+    assert cpcal_("verify", run).exit_code == checked_alone(Run(run, exact_run.study, None)).returncode == 1
+    (run / "handeye.json").write_text('{"format": "cpcal-"}')
+    assert "holds the run of one question" in cpcal_(*asked).output
 
 
 # real robots -------------------------------------------------------------------------------------------------------
