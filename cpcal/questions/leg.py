@@ -122,10 +122,12 @@ def _support(leg: PreparedLeg, found: Minimum) -> tuple[str, ...]:
         return ()
     leg, limits, best = leg._replace(question=question), question.limits, Known(found.witness, 0)
 
-    def alone(elements: Indices) -> Alone:
-        """The lower bound by a part of the measurements; the best point of all is one of theirs."""
-        part = leg.alone(tuple(elements.tolist()))
-        least = searched(part, limits=replace(limits, nodes=_SUPPORT_NODES), best=best, enclose=False).minimum
+    def alone(elements: Indices, enough: float) -> Alone:
+        """The lower bound by a part of the measurements, up to what is enough; the best point of all is theirs too."""
+        part, few = leg.alone(tuple(elements.tolist())), replace(limits, nodes=_SUPPORT_NODES)
+        eps = part.domain["eps"]
+        below = part.domain.replace("eps", hi=min(max(enough, eps.lo), eps.hi))
+        least = searched(part, domain=below, limits=few, best=best, enclose=False).minimum
         better = least.witness if least.hi < found.hi else None
         return Alone(least.lo, None if better is None else better.point, least.interrupted)
 

@@ -101,7 +101,7 @@ def test_few_measurements_that_prove_less_are_no_support() -> None:
     found: Any = SimpleNamespace(lo=1.0, hi=1.0, interrupted=False, decisive_rows=((0, 3),), rows=((0, 3), (0, 5)))
     found.witness = SimpleNamespace(point=np.zeros(1))
     for enough, members in ((1, (3,)), (2, (3, 4)), (3, (3, 5))):
-        alone = lambda some, enough=enough: Alone(1.0 if len(some) >= enough else 0.95, None, False)  # noqa: E731
+        alone = lambda some, _, enough=enough: Alone(1.0 if len(some) >= enough else 0.95, None, False)  # noqa: E731
         assert support(problem, found, 1e-6, alone) == members
 
 

@@ -41,7 +41,8 @@ class ConstraintNetwork:
     def __init__(self, name: str = "") -> None:
         self.name = checked_name(name or f"network {next(_numbers)}")
         self._variables: dict[str, Expr] = {}
-        self._domains: dict[str, Box] = {}
+        self._domains: list[Box] = []
+        self._domain = Box((), [], [])  # of the variables when it was last asked for
         self._owner: dict[str, str] = {}  # of every component's name, the variable
         self._constraints: list[Constraint] = []
         self._made: dict[Hashable, Any] = {}  # the last few things that were made of it, by what they depend on
@@ -58,7 +59,7 @@ class ConstraintNetwork:
         taken = [self._owner[part] for part in component_names(leaf) if part in self._owner]
         if taken:
             raise ModelError(f"components of {name!r} would be called like those of {taken[0]!r}: rename one of both")
-        self._domains[name] = _domain(leaf, domain)
+        self._domains.append(_domain(leaf, domain))
         self._variables[name] = leaf
         self._owner |= dict.fromkeys(component_names(leaf), name)
         return leaf
@@ -140,8 +141,10 @@ class ConstraintNetwork:
     @property
     def domain(self) -> Box:
         """The box of all variables' domains."""
-        lows, highs = ([np.zeros(0)] + [getattr(box, side) for box in self._domains.values()] for side in ("lo", "hi"))
-        return Box(self.names, np.concatenate(lows), np.concatenate(highs))
+        if len(self._domain) < len(self._owner):
+            lo, hi = (np.concatenate([getattr(box, side) for box in self._domains]) for side in ("lo", "hi"))
+            self._domain = Box(self.names, lo, hi)
+        return self._domain
 
     def component(self, expr: Expr) -> str:
         """The name in a box of a variable, or of one element of it. Raises ModelError for others."""

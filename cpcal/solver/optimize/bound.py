@@ -488,7 +488,7 @@ class Alone(NamedTuple):
     interrupted: bool
 
 
-Solve = Callable[[Indices], Alone]
+Solve = Callable[[Indices, float], Alone]  # of which it is asked if they prove at least so much
 
 
 def support(problem: Prepared, found: Minimum, gap: float, solve: Solve) -> tuple[int, ...]:
@@ -501,13 +501,13 @@ def support(problem: Prepared, found: Minimum, gap: float, solve: Solve) -> tupl
     domain = problem.network.domain
     if not found.lo > domain[problem.name].lo or found.interrupted:
         return ()
-    slack = max(gap * abs(found.lo), found.hi - found.lo)
+    enough = found.lo if found.lo == np.inf else found.lo - max(gap * abs(found.lo), found.hi - found.lo)
     chosen = np.array(sorted({k for _, k in found.decisive_rows}), np.intp)
     for _ in range(_ROUNDS if chosen.size else 0):
-        alone = solve(chosen)
+        alone = solve(chosen, enough)
         if alone.interrupted:
             break
-        if alone.lo >= found.lo or alone.lo >= found.lo - slack:  # both infinite, or near
+        if alone.lo >= enough:
             return tuple(int(k) for k in chosen)
         more = chosen
         if alone.point is not None:
