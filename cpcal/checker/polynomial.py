@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction as F
-from functools import lru_cache, reduce
+from functools import cached_property, lru_cache, reduce
 from operator import add, itemgetter, mul, or_, sub
 from typing import Any, NamedTuple, Self
 
@@ -34,28 +34,20 @@ class Polynomial:
     That is what it takes in tenths of a microsecond, about; coefficients of a and b bits are multiplied in a b / 2^16.
     """
 
-    __slots__ = ("_bits", "_wide", "exponent", "spend", "terms")
-
     def __init__(self, terms: dict[int, int], exponent: int, spend: Spend) -> None:
         self.terms, self.exponent, self.spend = terms, exponent, spend
-        self._bits: int | None = None
-        self._wide: int | None = None
 
-    @property
+    @cached_property
     def bits(self) -> int:
         """Of the longest coefficient."""
-        if self._bits is None:
-            self._bits = max(map(int.bit_length, self.terms.values()), default=0)
-        return self._bits
+        return max(map(int.bit_length, self.terms.values()), default=0)
 
-    @property
+    @cached_property
     def wide(self) -> int:
         """What its longest monomial takes besides, of time and memory: one for every 1024 bits, or 170 unknowns."""
-        if self._wide is None:
-            self._wide = max(self.terms, default=0).bit_length() >> 10
-        return self._wide
+        return max(self.terms, default=0).bit_length() >> 10
 
-    @property
+    @cached_property
     def size(self) -> int:
         """What it takes of memory: its terms, each once more for every 512 bits."""
         return len(self.terms) * (1 + (self.bits >> 9) + 2 * self.wide)

@@ -105,7 +105,8 @@ def entry(*readers: Reader, defaults: tuple[Any, ...] = ()) -> Reader:
     def read(value: Any) -> tuple[Any, ...]:
         if not isinstance(value, list) or not most - len(defaults) <= len(value) <= most:
             raise Refused(f"a list of {most} is needed here")
-        return *(reader(v) for reader, v in zip(readers, value, strict=False)), *defaults[len(value) - most or most :]
+        found = [reader(v) for reader, v in zip(readers, value, strict=False)]
+        return *found, *defaults[len(value) - most or most :]
 
     return read
 
@@ -150,10 +151,11 @@ def whole(below: int, least: int = 0) -> Reader:
 
 
 def choice(*values: Any) -> Reader:
-    """One of these, and of its type."""
+    """One of these, and of its type; they are of one type."""
+    kind = type(values[0])
 
     def read(value: Any) -> Any:
-        if not any(type(value) is type(v) and value == v for v in values):
+        if type(value) is not kind or value not in values:
             raise Refused(f"{shown(value)} is none of {', '.join(map(str, values))}")
         return value
 

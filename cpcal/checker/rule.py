@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
 from functools import cached_property
-from itertools import chain
 from typing import Any, NamedTuple
 
 from .polynomial import (
@@ -264,27 +263,27 @@ class Rule:
             if self._held > MOST_HELD:
                 raise too_many(MOST_HELD, "terms of rows in a step")
 
-    def aggregate(self, weights: Weights) -> Polynomial:
-        """At most zero at every solution in the box: weighted rows, less weighted products and squares."""
+    def aggregate(self, weights: Weights, *more: Polynomial) -> Polynomial:
+        """At most zero at every solution in the box: weighted rows, less weighted products and squares; and `more`."""
         of_rows, of_products, of_tangents = weights.exponents
-        terms: dict[int, int] = {}
-        self.x.spend(len(weights.products) * (20 + len(self.x) // 20) + 100 * len(weights.tangents))
+        spend, terms = self.x.spend, dict[int, int]()
+        spend(len(weights.products) * (20 + len(self.x) // 20) + 100 * len(weights.tangents))
         for i, j, p, q, weight in weights.products:
             one, two = unknown(i), unknown(j)
             for monomial, c in ((0, 1), (one, p), (two, q), (one + two, p * q)):
                 terms[monomial] = terms.get(monomial, 0) - weight * c
             if len(terms) > MOST_TERMS:
                 raise too_many(MOST_TERMS, "terms of a polynomial")
-        products = Polynomial(terms, of_products, self.x.spend)
+        parts = [(1, p) for p in (Polynomial(terms, of_products, spend), *more)]
+        for i, t, weight in weights.tangents:
+            u, top, power = unknown(i), t.numerator, t.denominator.bit_length() - 1
+            square = {u + u: 1 << 2 * power, u: -top << power + 1, 0: top * top}
+            parts.append((-weight, Polynomial(square, of_tangents - 2 * power, spend)))
         self.form(n for n, weight in weights.rows if weight)
-        rows: Iterable[tuple[int, Polynomial]] = (
-            (weight, self.row[n].times(1, of_rows)) for n, weight in weights.rows if weight
-        )
-        roots = ((self.x.variable(READINGS + i, -t, F(1)), weight) for i, t, weight in weights.tangents)
-        squares = ((-weight, (u * u).times(1, of_tangents)) for u, weight in roots)
+        rows = combined([(weight, self.row[n]) for n, weight in weights.rows if weight], spend)
         if not self._problem.in_box:
-            rows = [(1, substituted(combined(rows, self.x.spend), self.x.images))]
-        return combined(chain(rows, ((1, products),), squares), self.x.spend)
+            rows = substituted(rows, self.x.images)
+        return combined([(1, rows.times(1, of_rows)), *parts], spend)
 
     def excludes(self, weights: Weights) -> bool:
         """Whether no solution lies in the box: the aggregate is positive on it."""
@@ -294,7 +293,7 @@ class Rule:
         """Every solution in the box has x_i at least ("lo") or at most ("hi") this, as aggregate <= 0 there."""
         sign = 1 if side == "lo" else -1
         u = Polynomial({unknown(i): sign}, 0, self.x.spend)
-        return self.x.center(i) + sign * self.x.radius(i) * self._least(self.aggregate(weights) + u)
+        return self.x.center(i) + sign * self.x.radius(i) * self._least(self.aggregate(weights, u))
 
     def _least(self, p: Polynomial) -> F:
         self.x.spend(100 + 2 * p.size)

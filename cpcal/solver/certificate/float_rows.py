@@ -249,23 +249,25 @@ class FloatRule:
             errors=np.array([own for _, _, own in formed] + [0.0] * (len(products) + len(squares))),
         )
 
-    def bound(self, i: int, side: str, parts: Parts, weights: Floats) -> tuple[float, float]:
-        """A proved bound of x_i in the box, and how much of it may be given away to rounding."""
+    def bounds(self, i: int, side: str, parts: Parts, weights: Floats) -> tuple[Floats, Floats]:
+        """By each row of weights (B, P) a proved bound of x_i in the box, and how much of it may be given away to
+        rounding."""
         sign = 1.0 if side == "lo" else -1.0
         lowest, error = self.lowest(parts, weights, i, sign)
-        center, radius = float(self._rule.x.center(i)), float(self._rule.x.radius(i))
+        x = self._rule.x.numbers
+        center, radius = (x.values[k] / (1 << x.power) for k in (i, len(self._rule.x) + i))
         reach = radius * lowest
-        doubt = 8.0 * _UNIT * (abs(center) + abs(reach)) + _UNDERFLOW
+        doubt = 8.0 * _UNIT * (abs(center) + np.abs(reach)) + _UNDERFLOW
         return center + sign * reach - sign * doubt, 2.0 * (doubt + radius * error)
 
-    def lowest(self, parts: Parts, weights: Floats, i: int = 0, sign: float = 0.0) -> tuple[float, float]:
-        """A lower bound of `sign u_i` and the weighted sum, and the error that it counts; -inf where it overflows."""
+    def lowest(self, parts: Parts, weights: Floats, i: int = 0, sign: float = 0.0) -> tuple[Floats, Floats]:
+        """A lower bound of `sign u_i` and the weighted sum, for each row of weights, and the error that it counts; -inf
+        where it overflows."""
         column = self._column(unknown(i))
         if len(self._evens) < len(self._even):
             self._evens = np.array(self._even)
         kept = self._evens
-        lowest, error = _lowest(parts.start, parts.columns, parts.values, parts.errors, weights, kept, column, sign)
-        return (lowest - error, error) if np.isfinite(lowest - error) else (-np.inf, np.inf)
+        return _lowest(parts.start, parts.columns, parts.values, parts.errors, weights, kept, column, sign)
 
     def form(self, numbers: Sequence[int]) -> None:
         """Columns, coefficients, and the error of all of them, of rows that were not formed before."""
@@ -313,32 +315,37 @@ def _lowest(
     start: Indices,
     columns: Indices,
     values: Floats,
-    errors: Floats,
+    errors_of: Floats,
     weights: Floats,
     even: Bools,
     moved: int,
     sign: float,
-) -> tuple[float, float]:
-    """The least that `sign` times monomial `moved` and the weighted parts can be, and the error of it."""
-    count, used = even.size, 0
-    total, size = np.zeros(count), np.zeros(count)
-    total[moved], size[moved] = sign, abs(sign)
-    beside = 0.0
-    for p in range(weights.size):
-        weight = weights[p]
-        if weight != 0.0:
-            used += 1
-            beside += weight * errors[p]
-            for t in range(start[p], start[p + 1]):
-                term = weight * values[t]
-                total[columns[t]] += term
-                size[columns[t]] += abs(term)
-    lowest, sizes = total[0], size[0]
-    for c in range(1, count):
-        lowest += min(total[c], 0.0) if even[c] else -abs(total[c])
-        sizes += size[c]
-    error = 4.0 * _UNIT * (3 * used + count + 8) * sizes + _UNDERFLOW
-    return lowest, error + beside * (1.0 + 4.0 * used * _UNIT)
+) -> tuple[Floats, Floats]:
+    """The least that `sign` times monomial `moved` and the parts, weighted by each row, can be, less its error; and
+    this."""
+    count, found, errors = even.size, np.empty(len(weights)), np.empty(len(weights))
+    for b in range(len(weights)):
+        used, beside = 0, 0.0
+        total, size = np.zeros(count), np.zeros(count)
+        total[moved], size[moved] = sign, abs(sign)
+        for p in range(weights.shape[1]):
+            weight = weights[b, p]
+            if weight != 0.0:
+                used += 1
+                beside += weight * errors_of[p]
+                for t in range(start[p], start[p + 1]):
+                    term = weight * values[t]
+                    total[columns[t]] += term
+                    size[columns[t]] += abs(term)
+        lowest, sizes = total[0], size[0]
+        for c in range(1, count):
+            lowest += min(total[c], 0.0) if even[c] else -abs(total[c])
+            sizes += size[c]
+        error = 4.0 * _UNIT * (3 * used + count + 8) * sizes + _UNDERFLOW
+        error += beside * (1.0 + 4.0 * used * _UNIT)
+        finite = np.isfinite(lowest - error)
+        found[b], errors[b] = (lowest - error, error) if finite else (-np.inf, np.inf)
+    return found, errors
 
 
 def _rounded(row: Polynomial) -> FloatRow:

@@ -13,13 +13,12 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from fractions import Fraction as F
-from functools import cached_property, partial
+from functools import partial
 from operator import itemgetter, le
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.checker import Refused
 from cpcal.checker.rule import Box as ExactBox
@@ -89,34 +88,31 @@ class Proposed:
     weights: tuple[Floats, Floats, Floats]
     value: float = 0.0
 
-    def shortened(self, bits: int) -> Floats:
-        """All of them, of so many bits at most."""
-        values, largest = self._all
-        return np.ldexp(np.rint(np.ldexp(values, bits - largest)), largest - bits)
-
-    @cached_property
-    def _all(self) -> tuple[Floats, npt.NDArray[np.intc]]:
-        """With the exponent of the largest of each kind."""
-        largest = np.array([math.frexp(values.max(initial=0.0))[1] for values in self.weights], np.intc)
-        return np.concatenate(self.weights), np.repeat(largest, [values.size for values in self.weights])
+    def shortened(self, bits: Sequence[int]) -> Floats:
+        """All of them, of so many bits at most: a row for each number."""
+        largest = [math.frexp(values.max(initial=0.0))[1] for values in self.weights]
+        behind = np.subtract.outer(bits, np.repeat(largest, [values.size for values in self.weights]))
+        return np.asarray(np.ldexp(np.rint(np.ldexp(np.concatenate(self.weights), behind)), -behind))
 
     def exact(self, bits: int) -> Weights:
         """The checker's form of them; those that vanish are left out. Raises Refused where it has none."""
+        if not np.isfinite(np.concatenate(self.weights)).all():
+            raise Refused("weights are too large to be written", "limit")
         (rows, r), (products, p), (squares, t) = (_whole(values, bits) for values in self.weights)
-        if not (all(-1000 <= e < 1000 for e in (r, p, t)) and all(np.isfinite(v).all() for v in self.weights)):
+        if not -1000 <= min(r, p, t) <= max(r, p, t) < 1000:
             raise Refused("weights are too large or too small to be written", "limit")
         return Weights(
-            tuple((n, int(w)) for n, w in zip(self.rows, rows, strict=True) if w),
-            tuple((*product, int(w)) for product, w in zip(self.products, products, strict=True) if w),
-            tuple((i, F(touch), int(w)) for (i, touch), w in zip(self.squares, squares, strict=True) if w),
+            tuple([(n, w) for n, w in zip(self.rows, rows, strict=True) if w]),
+            tuple([(*product, w) for product, w in zip(self.products, products, strict=True) if w]),
+            tuple([(i, F(touch), w) for (i, touch), w in zip(self.squares, squares, strict=True) if w]),
             (r, p, t),
         )
 
 
-def _whole(values: Floats, bits: int) -> tuple[Floats, int]:
+def _whole(values: Floats, bits: int) -> tuple[list[int], int]:
     """Whole numbers that are nearly proportional to nonnegative ones, and the power of two between them."""
     exponent = math.frexp(values.max(initial=0.0))[1] - bits
-    return np.rint(np.ldexp(values, -exponent)), exponent
+    return list(map(int, np.rint(np.ldexp(values, -exponent)).tolist())), exponent
 
 
 def _excluding(rule: Rule, proposed: Proposed, bits: Sequence[int]) -> Weights | None:
@@ -124,11 +120,14 @@ def _excluding(rule: Rule, proposed: Proposed, bits: Sequence[int]) -> Weights |
     return next((weights for weights in map(proposed.exact, bits) if rule.excludes(weights)), None)
 
 
-def brief(value: F, down: bool, loss: float) -> float:
-    """A float64 with few digits that is at most about `loss` below (above) a fraction."""
+def brief(value: F | float, down: bool, loss: float) -> float:
+    """A float64 with few digits that is at most about `loss` below (above) a number."""
     if loss > 0.0:
-        unit = F(2) ** (math.frexp(loss)[1] - 1)
-        value = ((value / unit).__floor__() if down else (value / unit).__ceil__()) * unit
+        unit, whole = math.ldexp(1.0, math.frexp(loss)[1] - 1), math.floor if down else math.ceil
+        if isinstance(value, F):
+            value = whole(value / F(unit)) * F(unit)
+        elif abs(value) < 2.0**53 * unit:  # else it is a multiple; a quotient by a power of two is exact
+            value = whole(value / unit) * unit
     return round_down(value) if down else round_up(value)
 
 
@@ -234,8 +233,9 @@ class _Table:
 
     def excluding(self, given: StepWeights) -> Weights | None:
         proposed, parts = self._proposed(given)
-        for bits in _BITS:
-            if self._fast.lowest(parts, proposed.shortened(bits))[0] > 0.0:
+        lowest, _ = self._fast.lowest(parts, proposed.shortened(_BITS))
+        for bits, least in zip(_BITS, lowest.tolist(), strict=True):
+            if least > 0.0:
                 return proposed.exact(bits)
         return _excluding(self._rule, proposed, _BITS)
 
@@ -243,14 +243,14 @@ class _Table:
         """The shortest weights, and the bound on unknown i that they prove, that lose little of what was proposed."""
         (proposed, parts), down = self._proposed(given), step.side == "lo"
         doubtful = []  # what float64 arithmetic gives away may be all that is missing
-        for bits in _BITS:
-            proved, rounding = self._fast.bound(i, step.side, parts, proposed.shortened(bits))
+        tried = self._fast.bounds(i, step.side, parts, proposed.shortened(_BITS))
+        for bits, proved, rounding in zip(_BITS, *(part.tolist() for part in tried), strict=True):
             if abs(proved - step.bound) <= loss:
-                return proposed.exact(bits), brief(F(proved), down, loss)
+                return proposed.exact(bits), brief(proved, down, loss)
             if not abs(proved - step.bound) > loss + rounding:
                 doubtful.append(bits)
         if rounding <= _ROUNDING * loss:
-            return proposed.exact(bits), brief(F(proved), down, loss)
+            return proposed.exact(bits), brief(proved, down, loss)
         for weights in [proposed.exact(b) for b in doubtful or [bits]]:
             exactly = self._rule.bound(i, step.side, weights)
             if abs(exactly - F(step.bound)) <= F(loss):

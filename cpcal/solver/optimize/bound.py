@@ -501,7 +501,8 @@ def support(problem: Prepared, found: Minimum, gap: float, solve: Solve) -> tupl
     domain = problem.network.domain
     if not found.lo > domain[problem.name].lo or found.interrupted:
         return ()
-    enough = found.lo if found.lo == np.inf else found.lo - max(gap * abs(found.lo), found.hi - found.lo)
+    slack = max(gap * abs(found.lo), found.hi - found.lo)
+    enough = found.lo if found.lo == np.inf else found.lo - slack
     chosen = np.array(sorted({k for _, k in found.decisive_rows}), np.intp)
     for _ in range(_ROUNDS if chosen.size else 0):
         alone = solve(chosen, enough)
