@@ -240,44 +240,48 @@ class LegConstraint:
         n, turn = q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3, rotation_rows((q0, q1, q2, q3))
         c1, c2, c3 = (i * b1 + j * b2 + k * b3 for i, j, k in turn)
         w1, w2, w3 = place[0] - a1, place[1] - a2, place[2] - a3
-        x1, x2, x3 = c2 * w3 - c3 * w2, c3 * w1 - c1 * w3, c1 * w2 - c2 * w1  # of degree 4
-        gain, off, slack = one + extra[0] if model == "gain" else one, eps << p, 0
-        if factor is None:
-            d1, d2, d3, s1, s2, s3, e = (
-                -ENDS[sign][0] * r for sign, r in zip(signs, (r1, r2, r3, t1, t2, t3, rl), strict=True)
-            )
-        else:
-            change, reference = abs(gain) * rl + off, gain * read + (offset << p)
-            shift, swing, size = r1 + r2 + r3, t1 + t2 + t3, n * (abs(b1) + abs(b2) + abs(b3))
-            bent = swing * size * (5 * swing * (abs(w1) + abs(w2) + abs(w3) + shift) + (3 * shift << p))
-            curved, slopes, swings = 3 * swing * swing * size, [], []
-            axes = (c1, w1, r1, t1, x1), (c2, w2, r2, t2, x2), (c3, w3, r3, t3, x3)
-            for i in AXES:
-                (ci, wi, ri, ti, xi), (cj, wj, rj, tj, _), (ck, wk, rk, tk, _) = axes[i], axes[i - 2], axes[i - 1]
-                by_c, of_w, of_c = abs(ci), tj * abs(wj) + tk * abs(wk), tj * abs(cj) + tk * abs(ck)
-                turning = by_c * of_w + abs(wi) * of_c + 2 * ti * abs(cj * wj + ck * wk)
-                moved = (n * ri << 2 * p) + (2 * (tj * abs(ck) + tk * abs(cj)) << p) + curved
-                slopes.append((n * wi + ci << 2 * p, moved, ri))
-                swings.append((xi << 2 * p, (turning << p) + (rj * abs(ck) + rk * abs(cj) << 2 * p) + bent, ti))
-            if reference < change:
-                return False
-            slack = sum((4 * r * max(far - abs(g), 0) << p for g, far, r in slopes), 0)
-            slack = -(-slack - sum(8 * t * max(far - abs(g), 0) for g, far, t in swings) >> p)
-            d1, d2, d3, s1, s2, s3 = (r if g > 0 else -r for g, _, r in (*slopes, *swings))
-            e = -rl if gain > 0 else rl
-        # at this reading and at the opposite one, with (1 + s.s): what is even in the reading, and what is odd
-        over = (one << p) + s1 * s1 + s2 * s2 + s3 * s3
-        less, kappa, sc = (one << p + 1) - over, n * over, s1 * c1 + s2 * c2 + s3 * c3
-        square = w1 * w1 + w2 * w2 + w3 * w3 + d1 * d1 + d2 * d2 + d3 * d3 + b1 * b1 + b2 * b2 + b3 * b3
+        gain, off = one + extra[0] if model == "gain" else one, eps << p
+        if factor is not None and gain * read + (offset << p) < abs(gain) * rl + off:
+            return False
+        square = w1 * w1 + w2 * w2 + w3 * w3 + b1 * b1 + b2 * b2 + b3 * b3
         if model == "lateral":
             square -= extra[0] << p
-        across = s1 * (c2 * d3 - c3 * d2) + s2 * (c3 * d1 - c1 * d3) + s3 * (c1 * d2 - c2 * d1)
-        even = kappa * square + 2 * less * (w1 * c1 + w2 * c2 + w3 * c3)
-        even += 4 * (sc * (s1 * w1 + s2 * w2 + s3 * w3) + (across << p))
-        odd = 2 * (kappa * (w1 * d1 + w2 * d2 + w3 * d3) + less * (c1 * d1 + c2 * d2 + c3 * d3))
-        odd += 4 * (sc * (s1 * d1 + s2 * d2 + s3 * d3) + (s1 * x1 + s2 * x2 + s3 * x3 << p))
-        slack *= over
-        most, least = (even + odd << 2 * p) + slack, (even - odd << 2 * p) - slack  # of degree 8
+        kappa, e = n << 2 * p, 0
+        most = least = n * square + 2 * (w1 * c1 + w2 * c2 + w3 * c3) << 4 * p
+        if m.uncertain:
+            x1, x2, x3 = c2 * w3 - c3 * w2, c3 * w1 - c1 * w3, c1 * w2 - c2 * w1  # of degree 4
+            slack = 0
+            if factor is None:
+                d1, d2, d3, s1, s2, s3, e = (
+                    -ENDS[sign][0] * r for sign, r in zip(signs, (r1, r2, r3, t1, t2, t3, rl), strict=True)
+                )
+            else:
+                shift, swing, size = r1 + r2 + r3, t1 + t2 + t3, n * (abs(b1) + abs(b2) + abs(b3))
+                bent = swing * size * (5 * swing * (abs(w1) + abs(w2) + abs(w3) + shift) + (3 * shift << p))
+                curved, slopes, swings = 3 * swing * swing * size, [], []
+                axes = (c1, w1, r1, t1, x1), (c2, w2, r2, t2, x2), (c3, w3, r3, t3, x3)
+                for i in AXES:
+                    (ci, wi, ri, ti, xi), (cj, wj, rj, tj, _), (ck, wk, rk, tk, _) = axes[i], axes[i - 2], axes[i - 1]
+                    by_c, of_w, of_c = abs(ci), tj * abs(wj) + tk * abs(wk), tj * abs(cj) + tk * abs(ck)
+                    turning = by_c * of_w + abs(wi) * of_c + 2 * ti * abs(cj * wj + ck * wk)
+                    moved = (n * ri << 2 * p) + (2 * (tj * abs(ck) + tk * abs(cj)) << p) + curved
+                    slopes.append((n * wi + ci << 2 * p, moved, ri))
+                    swings.append((xi << 2 * p, (turning << p) + (rj * abs(ck) + rk * abs(cj) << 2 * p) + bent, ti))
+                slack = sum((4 * r * max(far - abs(g), 0) << p for g, far, r in slopes), 0)
+                slack = -(-slack - sum(8 * t * max(far - abs(g), 0) for g, far, t in swings) >> p)
+                d1, d2, d3, s1, s2, s3 = (r if g > 0 else -r for g, _, r in (*slopes, *swings))
+                e = -rl if gain > 0 else rl
+            # at this reading and at the opposite one, with (1 + s.s): what is even in the reading, and what is odd
+            over = (one << p) + s1 * s1 + s2 * s2 + s3 * s3
+            less, kappa, sc = (one << p + 1) - over, n * over, s1 * c1 + s2 * c2 + s3 * c3
+            square += d1 * d1 + d2 * d2 + d3 * d3
+            across = s1 * (c2 * d3 - c3 * d2) + s2 * (c3 * d1 - c1 * d3) + s3 * (c1 * d2 - c2 * d1)
+            even = kappa * square + 2 * less * (w1 * c1 + w2 * c2 + w3 * c3)
+            even += 4 * (sc * (s1 * w1 + s2 * w2 + s3 * w3) + (across << p))
+            odd = 2 * (kappa * (w1 * d1 + w2 * d2 + w3 * d3) + less * (c1 * d1 + c2 * d2 + c3 * d3))
+            odd += 4 * (sc * (s1 * d1 + s2 * d2 + s3 * d3) + (s1 * x1 + s2 * x2 + s3 * x3 << p))
+            slack *= over
+            most, least = (even + odd << 2 * p) + slack, (even - odd << 2 * p) - slack  # of degree 8
         x.spend(POINT_WORK + (most.bit_length() ** 2 >> _POINT_BITS))
         high, low = gain * (read + e) + (offset << p), gain * (read - e) + (offset << p)
         if high + off < 0 or most > kappa * (high + off) ** 2 or least < 0:

@@ -462,8 +462,10 @@ def _texts(value: Any) -> Any:
     """Numbers by repr, in arrays, lists and tables; texts as they are."""
     if isinstance(value, Mapping):
         return {key: _texts(one) for key, one in value.items()}
+    if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype == np.float64:
+        return list(map(repr, value.tolist()))
     if isinstance(value, np.ndarray | list):
-        return [_texts(one) for one in (value.tolist() if isinstance(value, np.ndarray) else value)]
+        return [_texts(one) for one in value]
     return value if value is None or isinstance(value, str) else repr(float(value))
 
 

@@ -452,11 +452,10 @@ def leg_statement(
     `model` is the name of one that comes with cpcal: those the checker knows.
     """
     stated = [polynomial(form, free) for form in forms]
-    readings = leg_readings(campaign, leg)
+    given, radii = (part.tolist() for part in leg_readings(campaign, leg))
 
     def exact(k: int) -> Measurement:
-        given, radii = (part[k].tolist() for part in readings)
-        return Measurement(given, radii)
+        return Measurement(given[k], radii[k])
 
     problem = leg_problem(exact, len(campaign), model, only, stated)
     return stated_leg(problem, campaign_sha256(campaign), leg, only, forms)

@@ -514,4 +514,4 @@ def embedded(run: Path, result: Result, *, study: bool) -> Proof | None:
 
 
 def _deflated(content: bytes) -> str:
-    return base64.b64encode(zlib.compress(content, 9)).decode()
+    return base64.b64encode(zlib.compress(content)).decode()

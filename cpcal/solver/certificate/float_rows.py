@@ -400,8 +400,9 @@ def holding(problem: Problem, x: Unknowns, k: int) -> str | None:
 
 def stretchings(problem: Problem, x: Unknowns, numbers: Sequence[int]) -> list[str]:
     """The ends of the reading sets, in signs, at which ||v|| is largest compared to its bounds, at a point."""
-    found = ["0" * len(problem.radii(k)) for k in numbers]
-    mine = [n for n, k in enumerate(numbers) if any(problem.radii(k))]
+    radii = [problem.radii(k) for k in numbers]
+    found = ["0" * len(one) for one in radii]
+    mine = [n for n, one in enumerate(radii) if any(one)]
     if mine:
         readings = measured(problem, [numbers[n] for n in mine], x)
         of = AllReadings(problem.model, [float(v) for v in x.box.lo[:-1]], *readings)

@@ -55,7 +55,7 @@ def check_affordable(where: str, lines: BinaryIO, problem: Problem, domain: Box,
     """Raise UncheckableError where the checker would refuse these lines, which are for the file `where`."""
     most = WORK if problem.model is None else leg_work(_LEGS, problem.count)
     points = 0 if claims["point"] is None else problem.count
-    needed = _NEAR * (_WORK_A_BYTE * lines.seek(0, 2) + 2 * POINT_WORK * points)
+    needed = _NEAR * (_WORK_A_BYTE * lines.seek(0, 2) + POINT_WORK * points)
     if needed <= most and (problem.model is not None or problem.objective is None):
         return
     lines.seek(0)
