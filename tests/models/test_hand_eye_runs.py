@@ -387,22 +387,6 @@ def test_a_forged_number_is_refused(request, refused, name):
     refused(request.getfixturevalue(run).folder, "handeye.json", *change)
 
 
-@pytest.mark.parametrize(
-    ("known", "reason"),
-    [
-        ([["camera.z", "0x1.22p+8", "0x1.2dp+8"]], "it rests on .*about something else|less than the bound"),
-        ([], "about something else|less than the bound"),
-        ([["camera.z", "0x1.2dp+8", "0x1.23p+8"]], "its least value is above"),
-        ([["camera.w", "0x1p+0", "0x1p+1"]], "'camera.w'"),
-        ([["camera.z", "0x1.23p+8", "0x1.2dp+8"]] * 2, "is given twice"),
-        ("0x1p+0", "a list is needed"),
-    ],
-)
-def test_a_certificate_that_begins_with_other_given_values_is_refused(given, refused, known, reason):
-    change = lines_changed(put(0, "asked", "known", to=known))
-    refused(given.folder, "ranges.cert.jsonl", change, "ranges", reason)
-
-
 @pytest.mark.parametrize("known", [[], [("camera.z", 290.0, 301.0)]])
 def test_steps_that_hold_within_the_given_values_prove_nothing_beyond_where_all_files_say_so(
     given, refused, tmp_path, known
@@ -478,6 +462,11 @@ CERTIFICATES = {
     "itself as predecessor": (put(0, "after", to="lower.cert.jsonl"), "rests on itself"),
     "poses of no image": (put(0, "poses", to=["ranges.cert.jsonl"]), "is about something else"),
     "another origin": (put(0, "asked", "hand", 0, to="0x1p+3"), "is about something else"),
+    "a given value": (put(0, "asked", "known", to=[["camera.z", "0x0p+0", "0x1p+9"]]), "is about something else"),
+    "none between": (put(0, "asked", "known", to=[["camera.z", "0x1p+1", "0x1p+0"]]), "its least value is above"),
+    "one given twice": (put(0, "asked", "known", to=[["camera.z", "0x0p+0", "0x1p+9"]] * 2), "camera.z is given twice"),
+    "one of no name": (put(0, "asked", "known", to=[["camera.w", "0x0p+0", "0x1p+9"]]), "'camera.w'"),
+    "values in no list": (put(0, "asked", "known", to="0x1p+0"), "a list is needed"),
     "no weights of rows": (weightless, "do not exclude the box|less than the bound"),
     "a negative weight": (
         lambda lines: lines[-1].get("weights", lines[-1].get("bounds", [[0] * 4])[0][3])["rows"][0].__setitem__(1, -1),
@@ -546,8 +535,8 @@ def test_the_page_of_a_run_is_written_again_from_its_files_alone(exact_run, tmp_
 
 
 @pytest.mark.parametrize("thorough", [False, pytest.param(True, marks=pytest.mark.nightly)])
-def test_every_change_outside_of_the_information_is_refused(exact_run, uncertain, wrong, tmp_path, thorough):
-    for number, run in enumerate((exact_run, uncertain, wrong)):
+def test_every_change_outside_of_the_information_is_refused(exact_run, uncertain, wrong, given, tmp_path, thorough):
+    for number, run in enumerate((exact_run, uncertain, wrong, given)):
         folder = tmp_path / str(number)
         shutil.copytree(run.folder, folder)
 
