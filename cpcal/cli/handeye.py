@@ -51,6 +51,7 @@ from cpcal.report.hand_eye_page import (
     BOTH,
     HAND_EYE_PAGE,
     answered,
+    given_values,
     known_frames,
     question,
     searched,
@@ -294,5 +295,5 @@ def legs(
     talk.say(
         f"For every pair of frames that explains the pixels to {at_least(known.eps, 4)} px, and all parameters of a "
         f"leg at its tolerance ({', '.join(tolerances)} mm). Base in the drawing's base frame, mobile in its mobile "
-        "frame."
+        f"frame{given_values(known)}."
     )

@@ -160,7 +160,7 @@ def known_frames(found: HandEyeResult) -> Iterator[Section]:
         title,
         [
             f"All frames in the box that explain every pixel to within {tolerance} px have these parameters. Proved"
-            f"{given(found)}."
+            f"{given_values(found)}."
         ],
         tables=[Table(("parameter", "at least", "at most", "width", "unit"), known, ("", "", "", "", "word"))],
         notes=["Turns are the rotation vector, in degrees, from the rotation of the best frames below."],
@@ -264,11 +264,11 @@ def searched(found: HandEyeResult) -> str:
     return (
         f"{titled(found.setup, found.provenance)}: {found.images} images, {found.points:,} points. "
         f"Searched: {turned}, positions within {stated(found.asked.reach)} mm of the least-squares answer"
-        f"{given(found)}."
+        f"{given_values(found)}."
     )
 
 
-def given(found: HandEyeResult) -> str:
+def given_values(found: HandEyeResult) -> str:
     """Positions that the user knows."""
     frames = dict(zip(("camera", "target"), _FRAMES[found.setup], strict=True))
     ends = [
