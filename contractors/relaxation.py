@@ -16,6 +16,7 @@ import numpy as np
 
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import Bools, Box, Floats, Indices, IntervalArray
+from cpcal.solver.interval.kernels import Arrays
 from cpcal.solver.network import PolynomialSystem
 from cpcal.solver.network.polynomial import Monomial, Monomials
 
@@ -309,17 +310,47 @@ def reach(rows: Floats, rhs: Floats, has_column: Bools, lower: Floats, upper: Fl
 
 
 @compiled
-def packed(products: Floats, rows: Floats, columns: Indices, kept: Indices) -> Floats:
-    """Products (P, n) and the kept rows of (M, K) in the columns' monomials, as an array (n, P + kept)."""
-    first = products.shape[0]
-    out = np.empty((columns.size, first + kept.size))
+def programmed(
+    rows: Floats,
+    rhs: Floats,
+    products: Floats,
+    beside: Floats,
+    dividing: Bools,
+    linear: Bools,
+    box: Arrays,
+    whole: bool,
+) -> tuple[Indices, Indices, Indices, Indices, Floats, Floats]:
+    """The linear program of rows (M, K) with right sides, and of products (P, M) with theirs, `beside`, in a `box`.
+
+    It gives the columns, those that divide (a row of `dividing` each) a monomial with a coefficient or a linear one;
+    the products that lie in them; the rows that some point may violate, or with `whole` all; the exponents of these;
+    and an array (columns, products + rows) with its right sides.
+    """
+    exponents, highest = scaled(rows, rhs)
+    has_column = np.zeros(highest.size, np.bool_)
+    for m in range(highest.size):
+        if linear[m] or highest[m] > 0.0:
+            for divisor in range(highest.size):
+                has_column[divisor] |= dividing[m, divisor]
+    matters = reach(rows, rhs, has_column, box[0], box[1])
+    if whole:
+        for k in range(matters.size):
+            matters[k] = np.isfinite(rhs[k]) and np.isfinite(rows[:, k]).all()
+    inside = np.ones(len(products), np.bool_)
+    for k in range(len(products)):
+        for m in range(highest.size):
+            if products[k, m] != 0.0 and not has_column[m]:
+                inside[k] = False
+    columns, chosen, kept = np.flatnonzero(has_column), np.flatnonzero(inside), np.flatnonzero(matters)
+    first = chosen.size
+    matrix = np.empty((columns.size, first + kept.size))
     for j in range(columns.size):
         m = columns[j]
         for k in range(first):
-            out[j, k] = products[k, j]
+            matrix[j, k] = products[chosen[k], m]
         for k in range(kept.size):
-            out[j, first + k] = rows[m, kept[k]]
-    return out
+            matrix[j, first + k] = rows[m, kept[k]]
+    return columns, chosen, kept, exponents[kept], matrix, np.concatenate((beside[chosen], rhs[kept]))
 
 
 _COLUMNS = 150  # beyond, linear programs take too long at each node
@@ -334,17 +365,13 @@ class Structure:
         self.rows = CentredRows(shift, system.coefficients)
         self.guards = CentredRows(shift, _guards(system)) if system.guarded.any() else None
         # A monomial whose coefficients all contain zero is bounded, not given a column.
-        self._divisors = _divisors(system.monomials)
-        self.used = _paying(self._divisors, self.rows.matters[1:], system.monomials[1:])
+        divisors = _divisors(system.monomials)
+        self.used = _paying(divisors, self.rows.matters[1:], system.monomials[1:])
+        self.dividing = divisors & self.used[:, None]
         self.linear = np.array([len(m) < 2 for m in system.monomials[1:]], np.bool_)
         self.bounds = column_bounds(system.monomials)
         self.products = _products(system.monomials, self.used.tobytes())
-        self.factors = self.products.matrix != 0.0
         self.positions = {m[0]: k - 1 for k, m in enumerate(system.monomials) if len(m) == 1 and self.used[k - 1]}
-
-    def columns(self, highest: Floats) -> Bools:
-        """The monomials that get a column on a box; `highest`: their largest coefficients in the rows there are."""
-        return np.asarray(self._divisors[self.used & (self.linear | (highest > 0.0))].any(axis=0))
 
     @cached_property
     def names(self) -> list[tuple[int, int, int]]:
@@ -412,19 +439,11 @@ class Relaxation:
             rows, widening = structure.rows.on(self.center, self.radius)
             widening = self._guarded(structure, widening)
             rhs = widening - rows[0] + 4.0 * _UNIT * (np.abs(widening) + np.abs(rows[0]))
-        rows = rows[1:]
-        exponents, highest = scaled(rows, rhs)
-        has_column = structure.columns(highest)
-        self.columns = np.flatnonzero(has_column)
-        matters = reach(rows, rhs, has_column, structure.bounds.lo, structure.bounds.hi)
-        if whole:
-            matters = np.isfinite(rhs) & np.isfinite(rows).all(axis=0)
-        self.kept = np.flatnonzero(matters)
-        self.bounds, self.exponents = structure.bounds[self.columns], exponents[self.kept]
-        self.products = np.flatnonzero(~structure.factors[:, ~has_column].any(axis=1))
-        products = structure.products.matrix[np.ix_(self.products, self.columns)]
-        self.matrix = packed(products, rows, self.columns, self.kept).T
-        self.rhs = np.concatenate([structure.products.rhs[self.products], rhs[self.kept]])
+        products, bounds = structure.products, structure.bounds
+        given = rows[1:], rhs, products.matrix, products.rhs, structure.dividing, structure.linear
+        found = programmed(*given, (bounds.lo, bounds.hi), whole)
+        self.columns, self.products, self.kept, self.exponents, matrix, self.rhs = found
+        self.matrix, self.bounds = matrix.T, bounds[self.columns]
 
     def _guarded(self, structure: Structure, widening: Floats) -> Floats:
         """With the square of what a guard may fall short by: see `Row`."""
