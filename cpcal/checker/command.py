@@ -83,13 +83,12 @@ def _statements(target: Path, campaign: Path | None, work: int) -> Iterator[tupl
 def _legs(run: Path, work: int) -> Iterator[tuple[bool, str]]:
     legs = check_run(run, work=work)
     for leg in legs:
-        claims = _outliers(leg.robust) if leg.robust else "" if leg.accepted is None else stated(leg.accepted)
-        points = (f"{key.replace('_', ' ')}: {stated(of)}" for key, of in leg.points)
-        claims = "; ".join(filter(None, [claims, *points]))
-        said = f"PROVED: {claims}" if claims else "not certified"
+        claims = [f"{name}: {stated(accepted)}" for name, accepted in leg.proofs]
+        claims = claims if leg.robust is None else [_outliers(leg.robust), *claims]
+        said = f"PROVED: {'; '.join(claims)}" if claims else "not certified"
         yield leg.refused is None, f"leg {leg.leg}: {said if leg.refused is None else f'REFUSED: {leg.refused}'}"
     yield True, f"{_NOT_JUDGED} whether the measurements determine the parameters; {_COMPUTES} again."
-    if not any(leg.refused is not None or leg.accepted or leg.points or leg.robust for leg in legs):
+    if not any(leg.refused is not None or leg.proofs or leg.robust for leg in legs):
         raise Unusable("no leg of the run is certified")
 
 

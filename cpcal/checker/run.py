@@ -23,15 +23,12 @@ _NETWORK = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")  # in a certifi
 
 @dataclass(frozen=True)
 class LegChecked:
-    """What is proved of one leg. Neither accepted nor refused: the run says that the leg is not certified."""
+    """What is proved of one leg. Nothing is proved or refused where the run says that the leg is not certified."""
 
     leg: int
-    certificate: str | None
-    accepted: Accepted | None = None
+    proofs: tuple[tuple[str, Accepted], ...] = ()  # certificates: of the bracket, the ranges, points
+    robust: RobustChecked | None = None  # with outliers, in place of bracket and ranges
     refused: str | None = None
-    ranges: Accepted | None = None  # of the parameters at a tolerance
-    points: tuple[tuple[str, Accepted], ...] = ()  # by the keys of the result: what points meet whatever the readings
-    robust: RobustChecked | None = None  # with outliers: then no accepted or ranges; None where nothing is certified
 
 
 @dataclass(frozen=True)
@@ -127,35 +124,35 @@ class _Leg:
 
     def checked(self) -> LegChecked:
         number, bracket = self.leg["leg"], self.leg["bracket"]
-        robust = self.result["options"]["outliers"] > 0
-        key = "point_certificate" if robust else "certificate"
         try:
-            found = self._robust(bracket) if robust else self._certified(bracket)
-            return replace(found, points=tuple(self._points(bracket)))
+            robust = self.result["options"]["outliers"] > 0
+            found = self._robust(bracket) if robust else LegChecked(number, tuple(self._certified(bracket)))
+            return replace(found, proofs=(*found.proofs, *self._points(bracket)))
         except (Unusable, Refused, *STRANGE) as error:
-            name = bracket.get(key) if isinstance(bracket, dict) else None
-            return LegChecked(number, shown(name), refused=reason_of(error))
+            return LegChecked(number, refused=reason_of(error))
 
-    def _certified(self, bracket: Json) -> LegChecked:
+    def _certified(self, bracket: Json) -> list[tuple[str, Accepted]]:
         options, campaign, leg = self.result["options"], self.campaign, self.leg
         name, stated = bracket["certificate"], leg["ranges"]
         every = range(len(campaign))
         support = [campaign.place.get(name, -1) for name in leg[INFORMATION]["support"]]
         same("support", len(set(support) - {-1}), len(support))
         same("proofs", (bracket["proofs"], bracket["point_certificate"]), ([], None))
-        found = ranges = None
+        proofs = list[tuple[str, Accepted]]()
         if stated is not None and stated["certificate"] is not None:
             ranges = self.accepted(stated["certificate"], every, stated["eps"])
             same("eps of the ranges", exact(stated["eps"]), ranges.claims.cap)
             if stated["certificate"] != name:  # of one eps that was asked about
                 same("point of the ranges", None, ranges.claims.point)
             compare(self.of_the_hull(stated["box"], ranges, empty=ranges.claims.infeasible))
+            proofs.append((stated["certificate"], ranges))
         if name is None:
             nothing_beside(bracket, "status", "lo", "hi", "point", "center", "enclosure", "left_out")
         else:
             found = self.accepted(name, every, options["eps"])
             compare(self.of_the_bracket(bracket, found))
-        return LegChecked(leg["leg"], name, found, ranges=ranges)
+            proofs.insert(0, (name, found))
+        return proofs
 
     def accepted(self, file: Any, chosen: Iterable[int] | None, eps: Any) -> Accepted:
         """A certificate of this leg: of the `chosen` measurements (None: of any), in its box."""
@@ -230,7 +227,7 @@ class _Leg:
                 continue
             found = self.certificates.accepted(stated["certificate"])
             compare(self.of_the_point(key, stated, found, kept))
-            yield key, found
+            yield stated["certificate"], found
 
     def of_the_point(self, key: str, stated: Json, accepted: Accepted, kept: tuple[int, ...]) -> Stated:
         """What it meets whatever the readings are; with reduced half-widths the recommended one meets the tolerance."""
@@ -302,7 +299,7 @@ class _Leg:
             at = () if claims.point is None else claims.point.at[:-1]
             same("point", [exact(v) for v in bracket["point"]], list(at))
         proved = None if lo is hi is None else RobustChecked(outliers, lo, hi, names, len(proofs))
-        return LegChecked(self.leg["leg"], None, robust=proved)
+        return LegChecked(self.leg["leg"], robust=proved)
 
 
 def where(key: str, of: Json) -> Any:

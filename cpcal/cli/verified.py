@@ -69,20 +69,16 @@ def of_run(run: Path, checked: Callable[[], list[LegChecked]], *, verbose: bool)
             yield False, f"leg {leg.leg}: REFUSED, {leg.refused}"
         elif leg.robust is not None:
             yield True, f"leg {leg.leg}, at most {leg.robust.outliers} wrong: {'; '.join(_outliers(leg.robust))}"
-        elif leg.accepted is None:
+        elif found.bracket.certificate is None:
             yield True, f"leg {leg.leg}: NOT CERTIFIED, {found.not_certified}"
-        ranges = None if found.ranges is None else found.ranges.certificate
-        points = [(getattr(found, key).certificate, accepted) for key, accepted in leg.points]
-        for name, accepted in ((leg.certificate, leg.accepted), (ranges, leg.ranges), *points):
-            if accepted is not None and name is not None:
-                yield told(name, accepted)
-        if found.ranges is not None and ranges is None:
+        yield from (told(name, accepted) for name, accepted in leg.proofs)
+        if found.ranges is not None and found.ranges.certificate is None:
             yield True, f"leg {leg.leg}: its ranges are NOT CERTIFIED"
         if verbose:
             yield from ((True, f"leg {leg.leg}: {sentence}") for sentence in contractors_sentences(found))
     if verbose:
         yield True, INFORMATION
-    if not any(leg.accepted or leg.refused or leg.robust for leg in legs):
+    if not any(leg.refused or leg.robust for leg in legs) and all(f.bracket.certificate is None for f in result.legs):
         remedy = next((_AGAIN[found.not_certified] for found in result.legs if found.not_certified in _AGAIN), "again")
         raise NothingCertifiedError([Problem(str(run), "holds no leg that is certified", f"certify {remedy}")])
 

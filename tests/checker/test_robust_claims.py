@@ -46,8 +46,8 @@ def test_the_claim_as_written_is_accepted(good):
     assert leg.refused is None
     assert leg.robust.lo > 0
     assert len(leg.robust.left_out) == 1
-    assert [name for name, _ in leg.points] == ["recommended", "passes_from"]
-    assert all(len(of.chosen) == 13 and of.claims.point.factor == 1 for _, of in leg.points)
+    assert [name.split(".")[1] for name, _ in leg.proofs] == ["recommended", "passes"]
+    assert all(len(of.chosen) == 13 and of.claims.point.factor == 1 for _, of in leg.proofs)
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ def accepted(run: Path, name: str | None) -> Accepted:
     (leg,) = check_run(run)
     assert leg.refused is None
     found = check(run / name)
-    assert found == leg.accepted
+    assert found == leg.proofs[0][1]
     return found
 
 

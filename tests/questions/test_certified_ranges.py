@@ -50,7 +50,7 @@ def test_the_checker_ties_the_ranges_to_their_certificate(run, tmp_path):
     folder, found = run
     (checked,) = check_run(folder)
     assert checked.refused is None
-    assert checked.ranges.claims.cap == found.legs[0].ranges.eps
+    assert checked.proofs[1][1].claims.cap == found.legs[0].ranges.eps
     text = (folder / "result.json").read_text(encoding="utf-8")
 
     def refused(change):

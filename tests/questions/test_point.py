@@ -273,7 +273,7 @@ def test_what_is_recommended_conforms_with_the_least_sum_of_squares(share, free,
     save_result(result, tmp_path, of)
     (checked,) = check_run(tmp_path)
     assert checked.refused is None
-    assert {key for key, _ in checked.points} == {"recommended", "passes_from"}
+    assert {name.split(".")[1] for name, _ in checked.proofs[1:]} == {"recommended", "passes"}
     # steps that lower the weighted sum of squares leave what conforms
     x = np.array(found.point)
     weight = 1.0 / np.linalg.norm(reading_moves(of, LEG, free.recommended.point), axis=1)
@@ -297,7 +297,7 @@ def test_the_factor_on_the_half_widths_is_the_largest_at_which_the_point_conform
     assert found[0] <= 1.2 < found[1]
     save_result(result, tmp_path, of)
     (checked,) = check_run(tmp_path)
-    assert (checked.refused, checked.points[-1][0]) == (None, "reduced")
+    assert (checked.refused, checked.proofs[-1][0]) == (None, "leg2.reduced.cert.jsonl")
     # where the readings as they are exceed the tolerance, no better sensor helps these parameters
     never = certified(of, tolerance=float(errors(of, x, np.zeros(7)).max()) * 0.99)[1].reduced
     assert never == replace(leg.reduced, factor=0.0, certificate=None)

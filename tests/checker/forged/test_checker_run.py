@@ -40,7 +40,7 @@ def run(honest: Path, tmp_path: Path) -> Path:
 def test_an_honest_run_is_proved_wherever_it_is_moved(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     legs = check_run(run)
     assert [leg.leg for leg in legs] == [1, 2]
-    assert all(leg.accepted is not None and leg.refused is None for leg in legs)
+    assert all(leg.proofs and leg.refused is None for leg in legs)
     assert main([str(run)]) == PROVED
     assert capsys.readouterr().out.count("PROVED") == 2
 
@@ -179,7 +179,7 @@ def test_a_folder_that_there_is_not(tmp_path: Path) -> None:
 
 def test_a_leg_is_refuted_at_any_eps_only_above_its_shortest_length(honest: Path) -> None:
     """No leg is longer than eps from min(L - lambda) + the upper end of l on; a cap just below excludes less."""
-    campaign, accepted = ExactCampaign(honest / "campaign.json"), check_run(honest)[0].accepted
+    campaign, accepted = ExactCampaign(honest / "campaign.json"), check_run(honest)[0].proofs[0][1]
     assert accepted is not None
     rows = json.loads((honest / "campaign.json").read_text())["measurements"]
     shortest, offset = min(F(float(row[9])) - F(float(row[21])) for row in rows), accepted.hi[6]
@@ -203,10 +203,11 @@ def test_a_leg_that_says_so_is_not_certified(run: Path, capsys: pytest.CaptureFi
     (run / "result.json").write_text(json.dumps(data))
     (run / "leg2.cert.jsonl").unlink()
     one, two = check_run(run)
-    assert one.accepted is not None
-    assert (two.accepted, two.refused) == (None, None)
+    assert one.proofs
+    assert two.refused is None
+    assert not [name for name, _ in two.proofs if name == "leg2.cert.jsonl"]
     assert main([str(run)]) == PROVED
-    assert "leg 2: PROVED: recommended: " in capsys.readouterr().out
+    assert "leg 2: PROVED: leg2.recommended.cert.jsonl: " in capsys.readouterr().out
     uncertified(data["legs"][0])
     (run / "result.json").write_text(json.dumps(data))
     for leg in data["legs"]:
@@ -222,7 +223,7 @@ def test_runs_that_asked_for_one_eps(eps: float, tmp_path: Path) -> None:
     campaign = cpcal.simulate(seed=1, extremal=False, random_poses=16, joint_error=10.0, factor=0.0)
     save_result(cpcal.certify(campaign, legs=[1], delta=2.0, eps=eps, certificates=tmp_path), tmp_path)
     (leg,) = check_run(tmp_path)
-    assert leg.accepted is not None, leg.refused
+    assert leg.proofs, leg.refused
     data = json.loads((tmp_path / "result.json").read_text())
     data["options"]["eps"] = up(eps)
     (tmp_path / "result.json").write_text(json.dumps(data))
@@ -253,7 +254,7 @@ def test_a_bracket_that_is_wider_than_the_gap_is_not_closed(tmp_path: Path) -> N
 def test_a_point_beyond_the_box_of_its_leg_is_none_of_it(run: Path, side: str) -> None:
     data = parsed((run / "result.json").read_bytes(), float)
     leg, campaign = data["legs"][0], ExactCampaign(run / "campaign.json")
-    accepted = check_run(run)[0].accepted
+    accepted = check_run(run)[0].proofs[0][1]
     assert accepted is not None
     assert accepted.claims.point is not None
     asked = _Leg(certificates_of(run), campaign, data, leg)
