@@ -217,9 +217,8 @@ class Beaumont(Krawczyk):
     def _rows(self, box: Box) -> list[tuple[IntervalRows, Decomposition]]:
         corners = self._system.at(box, [box.lo, box.hi], affine=False)
         origin = self._system.at(box, [np.zeros(len(box))], affine=True)
-        return super()._rows(box) + [(_thick(rows), beaumont) for rows in corners + origin]
-
-
-def _thick(rows: IntervalRows) -> IntervalRows:
-    radius, size = rows.matrix.rad.max(axis=1, initial=0.0), rows.matrix.mag.max(axis=1, initial=0.0)
-    return rows.only(radius > _THIN * size)
+        more = []
+        for rows in corners + origin:
+            radius, size = rows.matrix.rad.max(axis=1, initial=0.0), rows.matrix.mag.max(axis=1, initial=0.0)
+            more.append((rows.only(radius > _THIN * size), beaumont))
+        return super()._rows(box) + more

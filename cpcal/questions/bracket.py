@@ -287,10 +287,6 @@ def by_timeout(leg: PreparedLeg, start: Floats, tell: Callable[[Bracket], None] 
         status="",
         witness=best,
         enclosure=whole,  # the method encloses nothing
-        floor=0.0,
-        rows=(),
-        decisive_rows=(),
-        pending=0,
         nodes=sum(t.nodes for t in trials),
         programs=programs,
         seconds=time.monotonic() - began,

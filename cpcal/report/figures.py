@@ -265,7 +265,9 @@ def residuals_svg(
     count, (low, high) = len(residual), band
     plot = series(SERIES, count, np.concatenate([[low, high], residual - room, residual + room, fit]), labels)
     plot.area(BAND, rectangle(0.0, low, count + 1.0, high))
-    at = np.array(worst_of_neighbours(np.abs(residual) + room, wrong))
+    # what is drawn: all measurements, or of each run of neighbours the worst, and those that stand out
+    size, runs = np.abs(residual) + room, np.array_split(np.arange(count), min(count, MOST_POINTS))
+    at = np.union1d([run[np.argmax(size[run])] for run in runs], np.flatnonzero(wrong))
     below, points, above, fits = (
         np.stack([at + 1.0, v[at]], axis=1) for v in (residual - room, residual, residual + room, fit)
     )
@@ -277,10 +279,3 @@ def residuals_svg(
     plot.marks(points[wrong[at]], "diamond", SUPPORT, 7.5, 1.1)
     plot.hover(points, [names[k] for k in at])
     return plot.svg(label)
-
-
-def worst_of_neighbours(size: Floats, chosen: Floats) -> list[int]:
-    """The measurements that are drawn, from 0: all of them, or of each run of neighbours the worst; those `chosen`."""
-    runs = np.array_split(np.arange(len(size)), min(len(size), MOST_POINTS))
-    worst = (int(run[np.argmax(size[run])]) for run in runs)
-    return sorted({*worst, *np.flatnonzero(chosen).tolist()})

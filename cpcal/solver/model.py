@@ -348,31 +348,6 @@ _LOADS = ("cpcal.solver.model", "cpcal.solver.numba_begun")  # of workers
 _ABREAST = 64  # pending boxes that a round of `solve` takes, whatever the order
 
 
-def _no_paving(network: ConstraintNetwork, why: str) -> Paving:
-    solutions = (Solution(Verdict.UNKNOWN, network.domain),)
-    return Paving(False, f"Not begun: {why}; the domain holds all solutions.", solutions, 0, method=why)
-
-
-def _no_minimum(network: ConstraintNetwork, why: str) -> Minimum:
-    return Minimum(
-        lo=-math.inf,
-        hi=math.inf,
-        verdict=Verdict.UNKNOWN,
-        status=f"Not begun: {why}.",
-        witness=None,
-        enclosure=network.domain,
-        floor=0.0,
-        rows=(),
-        decisive_rows=(),
-        pending=1,
-        nodes=0,
-        programs=0,
-        seconds=0.0,
-        names=network.names,
-        method=why,
-    )
-
-
 class Network(ConstraintNetwork):
     """A constraint network that can be solved.
 
@@ -489,7 +464,8 @@ class Network(ConstraintNetwork):
             said += width_sentence(finest, reach) if width is None else ""
             return replace(paving, method=said, width=finest, row_use=used)
         except TimeUp as late:
-            return _no_paving(self, str(late))
+            said = f"Not begun: {late}; the domain holds all solutions."
+            return Paving(False, said, (Solution(Verdict.UNKNOWN, self.domain),), 0, method=str(late))
 
     def minimize(
         self,
@@ -591,7 +567,16 @@ class Network(ConstraintNetwork):
                     keeper.done()
                 return found
         except TimeUp as late:
-            return _no_minimum(self, str(late))
+            return Minimum(
+                lo=-math.inf,
+                hi=math.inf,
+                verdict=Verdict.UNKNOWN,
+                status=f"Not begun: {late}.",
+                enclosure=self.domain,
+                pending=1,
+                names=self.names,
+                method=str(late),
+            )
 
     def _as_asked(self) -> Network:
         """A copy, since a callback may add to this network meanwhile. Raises ModelError where there is no variable."""

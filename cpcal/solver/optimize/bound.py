@@ -426,15 +426,15 @@ class Minimum:
     hi: float
     verdict: Verdict
     status: str
-    witness: Witness | None
     enclosure: Box
-    floor: float
-    rows: tuple[Row, ...]
-    decisive_rows: tuple[Row, ...]
-    pending: int
-    nodes: int
-    programs: int
-    seconds: float
+    witness: Witness | None = None
+    floor: float = 0.0
+    rows: tuple[Row, ...] = ()
+    decisive_rows: tuple[Row, ...] = ()
+    pending: int = 0
+    nodes: int = 0
+    programs: int = 0
+    seconds: float = 0.0
     interrupted: bool = False
     contractors_used: Uses = ()
     found: Found | None = None
