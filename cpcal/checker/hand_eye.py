@@ -437,9 +437,9 @@ class _Run:
         point = _placed(self.result["point"])
         found: list[list[Any]] = [lo, hi, *parameter_ranges(lo, hi, point)]
         for name, side, proved in zip(["box of the unknowns"] * 2 + ["ranges"] * 2, sides, found, strict=True):
-            same(name, [exact(v) for v in array(side)], [F(v) for v in proved])
+            same(name, side, proved)
         place, turn = known_point(lo, hi, hand, [exact(v) for v in array(known["at"], 3)], point)
-        compare([("place of a point", exact(known["place"]), F(place)), ("turn", exact(known["turn"]), F(turn))])
+        compare([("place of a point", known["place"], place), ("turn", known["turn"], turn)])
         return f"ranges: PROVED for all frames that explain {what}"
 
     def lower_end(self) -> str:
@@ -465,7 +465,7 @@ class _Run:
             if one is None and k in kept:
                 raise Refused("states a point that puts the target behind the camera")
             worst = worst if one is None or k not in kept else max(worst, one)
-        if exact(self.result["eps_hi"]) != F(up(worst)):
+        if exact(self.result["eps_hi"]) != up(worst):
             raise Refused("states an eps_hi that is not the largest error of a pixel at the point")
         if not holds(point, *self.asked):
             raise Refused("states a point that is not in the box")
@@ -481,10 +481,10 @@ class _Run:
             stated, ok = verdict["largest"], one is not None and one <= eps
             compare([
                 ("image", verdict["image"], name), ("verdict on an image", verdict["ok"], ok),
-                ("error in an image", None if stated is None else exact(stated), None if one is None else F(up(one))),
+                ("error in an image", stated, None if one is None else up(one)),
             ])  # fmt: skip
             worst, failing = max(worst, one or F(0)) if k in kept else worst, failing + (not ok)
-        same("largest error", exact(said["largest"]), F(up(worst)))
+        same("largest error", said["largest"], up(worst))
         return f"least squares: PROVED, over {float(eps)!r} px in {failing} of {len(found)} images"
 
     def wrong_images(self) -> str:

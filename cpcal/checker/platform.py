@@ -352,7 +352,7 @@ def _statements(folder: Path, result: Json, campaign: ExactCampaign, work: int) 
         compare(_of_the_set(leg, box, accepted, exact(result["delta"]), campaign, forms))
         enclosed.append(accepted)
         claim = "there are none" if accepted.claims.infeasible else "they lie in the box"
-        yield True, f"parameters of leg {leg}, model error up to {float(exact(box['eps']))!r} mm: PROVED, {claim}"
+        yield True, f"parameters of leg {leg}, model error up to {float(box['eps'])!r} mm: PROVED, {claim}"
     certificates.names_all([box["certificate"] for box in boxes])
     if refuted:
         same("poses", result["poses"], [])
@@ -374,13 +374,7 @@ def _statements(folder: Path, result: Json, campaign: ExactCampaign, work: int) 
         bounds = pose_bounds(pose, at, reach, turn / 2, *about, certificates.budget.spend, held)
         if bounds is None:
             raise Refused(f"states bounds of pose {k} that are not proved")
-        *sides, position_bound, rotation_bound = stated(bounds)
-        said = [many(exact, 6)(one[key]) for key in _BOUNDS[:2]], [exact(one[key]) for key in _BOUNDS[2:]]
-        same(
-            f"bounds of pose {k}",
-            said,
-            ([tuple(map(F, side)) for side in sides], [F(position_bound), F(rotation_bound)]),
-        )
+        same(f"bounds of pose {k}", [one[key] for key in _BOUNDS], stated(bounds))
         proved.append(bounds)
     if proved:
         position, angle = max(one.position for one in proved), 2 * max(one.half_turn for one in proved)
@@ -400,17 +394,17 @@ def _statements(folder: Path, result: Json, campaign: ExactCampaign, work: int) 
 def _of_the_set(
     leg: int, box: Json, accepted: Accepted, delta: F, campaign: ExactCampaign, forms: Sequence[Given]
 ) -> Stated:
-    claims, eps, there = accepted.claims, exact(box["eps"]), [dict(form) for form in accepted.forms]
+    claims, there = accepted.claims, [dict(form) for form in accepted.forms]
     yield "leg", (box["leg"], accepted.leg, accepted.model), (leg, leg, "plain")
     count, out = len(campaign), [campaign.place.get(name, -1) for name in box["left_out"]]
     kept = [k for k in range(count + len(forms)) if k not in out]
     yield "number of measurements", accepted.count, count + len(forms)
     yield "measurements", (list(accepted.chosen), -1 in out, len(set(out))), (kept, False, len(out))
     yield "forms of poses", there, [dict(form) for form in forms]
-    yield "eps", (eps, eps, eps), (claims.cap, accepted.lo[7], accepted.hi[7])
+    yield "eps", [box["eps"]] * 3, (claims.cap, accepted.lo[7], accepted.hi[7])
     for lo, hi in zip(accepted.lo[:7], accepted.hi, strict=False):
         slack = (abs(lo) + abs(hi)) / 2**49
         yield "delta", 2 * delta <= hi - lo <= 2 * delta + slack, True
     sides = ([], []) if claims.infeasible or claims.enclosure is None else claims.enclosure
-    yield "box", [[exact(v) for v in box[side]] for side in ("lo", "hi")], [list(side[:7]) for side in sides]
+    yield "box", [box["lo"], box["hi"]], [side[:7] for side in sides]
     yield "claim", (claims.infeasible or claims.enclosure is not None, claims.point), (True, None)

@@ -63,8 +63,10 @@ def compare(stated: Iterable[tuple[str, Any, Any]]) -> None:
 
 
 def same(what: str, stated: Any, proved: Any) -> None:
-    """Equal, and of the same kind: true is not 1."""
-    if stated != proved or isinstance(stated, bool) != isinstance(proved, bool):
+    """Equal, and of the same kind: true is not 1. Of lists in JSON entry by entry."""
+    if isinstance(stated, list) and isinstance(proved, list | tuple) and len(stated) == len(proved):
+        compare((what, *both) for both in zip(stated, proved, strict=True))
+    elif stated != proved or isinstance(stated, bool) != isinstance(proved, bool):
         raise Refused(f"states another {what} than is proved")
 
 

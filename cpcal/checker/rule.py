@@ -163,13 +163,9 @@ def beyond(at_least: Polynomial, factor: Polynomial, mask: int) -> F:
 ENDS = {"-": (-1, 2), "0": (0, 1), "+": (1, -2)}
 
 
-# The defaults have names, so that a problem can go to another process.
+# The default has a name, so that a problem can go to another process.
 def _none(*_: Any) -> tuple[()]:
     return ()
-
-
-def _untagged(side: str, k: int) -> int | None:
-    return None
 
 
 @dataclass(frozen=True)
@@ -190,7 +186,7 @@ class Problem:
     in_box: bool = True  # whether rows come in the coordinates u of a box, or in x
     # so many tags of rows may be wrong: a step then has several sets of weights, and these spoil no more than some
     wrong: int = 0
-    tag: Callable[[str, int], int | None] = _untagged  # of a row; None: nothing spoils it
+    tag: Callable[[str, int], Any] = _none  # of a row, where some may be wrong; None: nothing spoils it
 
     @staticmethod
     def of_rows(unknowns: int, count: int, sides: tuple[str, ...], form: Callable[[str, int], Polynomial]) -> Problem:

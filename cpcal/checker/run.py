@@ -141,7 +141,7 @@ class _Leg:
         proofs = list[tuple[str, Accepted]]()
         if stated is not None and stated["certificate"] is not None:
             ranges = self.accepted(stated["certificate"], every, stated["eps"])
-            same("eps of the ranges", exact(stated["eps"]), ranges.claims.cap)
+            same("eps of the ranges", stated["eps"], ranges.claims.cap)
             if stated["certificate"] != name:  # of one eps that was asked about
                 same("point of the ranges", None, ranges.claims.point)
             compare(self.of_the_hull(stated["box"], ranges, empty=ranges.claims.infeasible))
@@ -181,7 +181,7 @@ class _Leg:
             low, high = middle - half, middle + half
             slack, lo, hi = (abs(low) + abs(high)) / 2**50, accepted.lo[i], accepted.hi[i]
             yield f"range of unknown {i}", low - slack <= lo <= low and high <= hi <= high + slack, True
-        yield "eps asked about", 0 if asked is None else exact(asked), accepted.lo[-1]
+        yield "eps asked about", 0 if asked is None else asked, accepted.lo[-1]
 
     def of_the_bracket(self, bracket: Json, accepted: Accepted) -> Stated:
         """What the leg states, and what its certificate's claims make of it."""
@@ -197,7 +197,7 @@ class _Leg:
             yield "method", None, claims.enclosure
         refuted, lo = self.lowest(accepted, at)
         if asked is not None:  # only that one is spoken of
-            yield "cap", exact(asked), claims.cap
+            yield "cap", asked, claims.cap
         elif claims.enclosure is not None:  # it holds all up to eps_hi, and up to any eps where none is known
             holds = self.all_of_it(accepted) if at is None else claims.cap == at[-1]
             yield "eps up to which the enclosure holds", True, holds
@@ -205,7 +205,7 @@ class _Leg:
             yield "eps up to which there is no solution", lo, claims.cap
         yield "eps_lo", bracket["lo"], lo
         yield "eps_hi", bracket["hi"], "inf" if at is None else at[-1]
-        yield "point", bracket["point"] and [exact(v) for v in bracket["point"]], at and list(at[:-1])
+        yield "point", bracket["point"], at and at[:-1]
         yield from self.of_the_hull(bracket["enclosure"], accepted, empty=refuted)
         narrow, slack = at is not None, F(0)
         if at is not None and asked is None:
@@ -240,9 +240,9 @@ class _Leg:
         of, eps, factor = stated, stated.get("largest", stated.get("eps")), 1
         if key == "reduced":
             of, eps, factor = self.leg["recommended"], where("tolerance", self.result["options"]), stated["factor"]
-        yield f"factor of {key}", exact(factor), point.factor
-        yield f"point of {key}", [exact(v) for v in where("point", of)], list(point.at[:-1])
-        yield f"eps of {key}", exact(eps), point.at[-1]
+        yield f"factor of {key}", factor, point.factor
+        yield f"point of {key}", where("point", of), point.at[:-1]
+        yield f"eps of {key}", eps, point.at[-1]
 
     def lowest(self, accepted: Accepted, at: Any = None) -> tuple[bool, Any]:
         """Whether it is refuted that there is a solution, and the lower bound that the claims make."""
@@ -254,9 +254,8 @@ class _Leg:
 
     def of_the_hull(self, box: Json, accepted: Accepted, *, empty: bool) -> Stated:
         yield "parameters", box["names"], [*PARAMETERS, *(p["name"] for p in self.result["model"]["parameters"])]
-        sides = [box[side] and [exact(v) for v in box[side]] for side in ("lo", "hi")]
         found = accepted.claims.enclosure or (None if empty else (accepted.lo, accepted.hi))
-        yield "enclosure", sides, [side and list(side[:-1]) for side in found or (None, None)]
+        yield "enclosure", [box["lo"], box["hi"]], [side and side[:-1] for side in found or (None, None)]
 
     def all_of_it(self, accepted: Accepted) -> bool:
         """Whether the cap is above every eps for which legs can be longer than eps."""
@@ -284,7 +283,7 @@ class _Leg:
             if None in bounds:
                 raise Refused("names a proof that claims no lower bound")
             lo = min(bound for bound in bounds if bound is not None)
-            same("eps_lo", exact(bracket["lo"]), lo)
+            same("eps_lo", bracket["lo"], lo)
         if bracket["point_certificate"] is None:
             nothing_beside(bracket, "hi", "point", "left_out", *(() if proofs else ("center",)))
         else:
@@ -297,7 +296,7 @@ class _Leg:
             same("measurements of the point", kept, list(accepted.chosen))
             same("eps_hi", hi, claims.eps_hi)  # which a point proves that holds at all of these
             at = () if claims.point is None else claims.point.at[:-1]
-            same("point", [exact(v) for v in bracket["point"]], list(at))
+            same("point", bracket["point"], at)
         proved = None if lo is hi is None else RobustChecked(outliers, lo, hi, names, len(proofs))
         return LegChecked(self.leg["leg"], robust=proved)
 

@@ -114,7 +114,7 @@ class Answer:
             "solutions": [
                 {
                     "status": _WORDS[s.verdict],
-                    "box": ({name: [_number(s.box[name].lo), _number(s.box[name].hi)] for name in names}),
+                    "box": {name: [_number(s.box[name].lo), _number(s.box[name].hi)] for name in names},
                 }
                 for s in solutions
             ],
@@ -136,21 +136,17 @@ def answer(
     width: float | None = None,
     limits: Limits | None = None,
     certificate: StrPath | None = None,
-    checkpoint: StrPath | None = None,
-    resume: bool = False,
-    workers: int | None = None,
-    scheduler: str | None = None,
     searched: Callable[[Event], None] | None = None,
     bracketed: Callable[[Bracket], None] | None = None,
+    **kept: Any,
 ) -> Answer:
-    """Solve, or minimise, the problem; `checkpoint`, `resume`, `workers` and `scheduler` are those of `Network.solve`.
+    """Solve, or minimise, the problem; further options are those of `Network.solve` and `Network.minimize`.
 
     `searched` is told of every box of a search, `bracketed` of every bracket of a minimisation.
 
     Raises ModelError for what the solver cannot take, InputError for a checkpoint of other things.
     """
     start, network = time.monotonic(), problem.network
-    kept: Any = {"checkpoint": checkpoint, "resume": resume, "workers": workers, "scheduler": scheduler}
     if problem.objective is None:
         if certificate is not None:
             raise ModelError("a certificate is written of a minimisation: this problem has no objective")
