@@ -252,9 +252,10 @@ def _machine_code(function: Function, link: Callable[[], None]) -> Any:
         def save_overload(self, signature: Any, made: Any) -> None:
             if made.lifted or made.library.has_dynamic_globals:
                 return  # it belongs to this process alone
-            *parts, environments = made._reduce()
+            (name, kind, (machine_code, _)), *parts, environments = made._reduce()
+            library = name, kind, (machine_code, _names_alone(made.library))
             # of what is linked in, an environment without objects serves nobody, and costs the import of its module
-            content = serialize.dumps((*parts, tuple(one for one in environments if one.consts)))
+            content = serialize.dumps((library, *parts, tuple(one for one in environments if one.consts)))
             file = self._file(signature, made.codegen)
             draft = file.with_name(f"{file.name}.{secrets.token_hex(8)}.draft")
             try:
@@ -294,6 +295,17 @@ def _machine_code(function: Function, link: Callable[[], None]) -> Any:
             return None
 
     return MachineCode()
+
+
+def _names_alone(library: Any) -> Any:
+    """What numba reads beside the machine code: the names that it defines. With the code in LLVM's form, which serves
+    those alone who link what is kept into something else, loading takes twice as long."""
+    from llvmlite import binding
+
+    module = library._final_module
+    functions = (f'define void @"{one.name}"() {{ unreachable }}' for one in module.functions if not one.is_declaration)
+    others = (f'@"{one.name}" = global i8 0' for one in module.global_variables if not one.is_declaration)
+    return binding.parse_assembly("\n".join((*functions, *others))).as_bitcode()
 
 
 @contextmanager
