@@ -305,6 +305,8 @@ def misread(found: Fitted, used: npt.NDArray[np.bool_]) -> tuple[int, ...]:
 
     The first one to leave is the one that stands out most; of so many as leave all must stand out against the rest.
     """
+    from scipy.special import stdtrit  # here: `verify` needs no scipy
+
     left, out = used.copy(), list[int]()
     named: tuple[int, ...] = ()
     for _ in range(_MOST_WRONG + 1):
@@ -317,23 +319,13 @@ def misread(found: Fitted, used: npt.NDArray[np.bool_]) -> tuple[int, ...]:
         spread = np.einsum("ij,ji->i", found.jacobian, np.linalg.pinv(rows.T @ rows, rcond=1e-12) @ found.jacobian.T)
         scale = max(float(np.sum(rest[left] ** 2)), 1e-300)
         seen = np.abs(rest) / np.sqrt(scale / freedom * (1.0 + spread))
-        if out and _student_tail(float(seen[out].min()), freedom) < _CHANCE / len(used):
+        if out and np.all(seen[out] > stdtrit(freedom, 1.0 - _CHANCE / len(used))):
             named = tuple(out)
         # inside the fit: its share of the sum of squares leaves with it
         inside = np.where(left, rest**2 / np.maximum(1.0 - spread, 1e-9), -1.0)
         out.append(int(np.argmax(inside)))
         left[out[-1]] = False
     return named
-
-
-def _student_tail(t: float, freedom: int) -> float:
-    """The chance that Student's t with at least two degrees of freedom exceeds t >= 0: Abramowitz and Stegun, 26.7.3
-    and 26.7.4. `verify` and `certify` need no scipy, which takes a tenth of a second to load."""
-    angle, odd = math.atan2(t, math.sqrt(freedom)), freedom % 2
-    steps = np.arange(1 + odd, freedom - 1, 2)
-    series = 1.0 + float(np.cumprod(steps / (steps + 1.0) * math.cos(angle) ** 2).sum())
-    within = math.sin(angle) * math.cos(angle) ** odd * series
-    return 0.5 - (angle + within) / math.pi if odd else 0.5 - 0.5 * within
 
 
 def _linear_fit(rows: Floats, values: Floats) -> tuple[Floats, float]:

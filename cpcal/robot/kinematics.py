@@ -98,18 +98,11 @@ def rotation_vector(quaternion: ArrayLike) -> Floats:
 
 def quaternion_from_matrix(matrix: ArrayLike) -> Floats:
     """The unit quaternion (scalar part >= 0) of a rotation matrix, (..., 3, 3) -> (..., 4)."""
-    m = floats(matrix)
-    diagonal, transposed = np.diagonal(m, axis1=-2, axis2=-1), m.swapaxes(-1, -2)
-    trace = diagonal.sum(axis=-1, keepdims=True)
-    # four times the products q_i q_j: every row is a multiple of the quaternion, the one of its largest part the best
-    products = np.empty((*m.shape[:-2], 4, 4))
-    products[..., 1:, 1:] = m + transposed
-    products[..., 0, 1:] = products[..., 1:, 0] = (m - transposed)[..., (2, 0, 1), (1, 2, 0)]
-    products[..., range(4), range(4)] = np.concatenate([1.0 + trace, 1.0 - trace + 2.0 * diagonal], axis=-1)
-    best = np.argmax(np.concatenate([trace, diagonal], axis=-1), axis=-1)
-    found = np.take_along_axis(products, best[..., None, None], axis=-2)[..., 0, :]
-    # its norm is summed as scipy sums it: what was found with scipy's rotations keeps its last bits
-    return normalised(found / np.linalg.norm(np.roll(found, -1, axis=-1), axis=-1, keepdims=True))
+    from scipy.spatial.transform import Rotation  # here: it takes a while to load
+
+    given = floats(matrix)
+    found = Rotation.from_matrix(given.reshape(-1, 3, 3), assume_valid=True).as_quat(scalar_first=True)
+    return normalised(found.reshape(*given.shape[:-2], 4))
 
 
 _ITERATIONS = 40  # of Newton, at each step of the continuation

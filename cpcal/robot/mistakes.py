@@ -8,6 +8,7 @@ second one that is as good is named too, and of more none. A name is a likely ca
 from __future__ import annotations
 
 import itertools
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -253,19 +254,14 @@ def _short(turn: Floats) -> Floats:
 
 
 def _angles(form: str, quaternion: Floats) -> Floats:
-    """(N, 3) rad, about turned axes; in gimbal lock one of the many."""
+    """(N, 3) rad; in gimbal lock one of the many."""
+    from scipy.spatial.transform import Rotation
+
     if form == _VECTOR:
         return rotation_vector(quaternion)
-    i, j, last = ("XYZ".index(letter) for letter in form)
-    k, m = 3 - i - j, rotation_matrix(quaternion)
-    sign = 1.0 if (j - i) % 3 == 1 else -1.0
-    if last == i:
-        middle = np.arccos(np.clip(m[:, i, i], -1.0, 1.0))
-        first, third = np.arctan2(m[:, j, i], -sign * m[:, k, i]), np.arctan2(m[:, i, j], sign * m[:, i, k])
-    else:
-        middle = np.arcsin(np.clip(sign * m[:, i, k], -1.0, 1.0))
-        first, third = np.arctan2(-sign * m[:, j, k], m[:, k, k]), np.arctan2(-sign * m[:, i, j], m[:, i, i])
-    return np.column_stack([first, middle, third])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return np.asarray(Rotation.from_quat(np.roll(quaternion, -1, axis=1)).as_euler(form))  # type: ignore[call-overload]
 
 
 def _quaternion(form: str, angles: Floats) -> Floats:

@@ -8,7 +8,6 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
-from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +19,6 @@ from cpcal.robot.kinematics import (
     normalised,
     quaternion_from_matrix,
     quaternion_from_rotation_vector,
-    quaternion_product,
 )
 
 LENGTHS = {"mm": Decimal(1), "cm": Decimal(10), "m": Decimal(1000), "um": Decimal("0.001"), "in": Decimal("25.4")}
@@ -128,9 +126,9 @@ class RotationForm:
 
 def quaternion_from_euler(sequence: str, angles: Floats) -> Floats:
     """(N, 4) of three angles (N, 3) in rad, in the order of the letters: see above."""
-    axes = np.eye(3)[["xyz".index(letter) for letter in sequence.lower()]]
-    turns = [quaternion_from_rotation_vector(angles[:, k, None] * axis) for k, axis in enumerate(axes)]
-    return normalised(reduce(quaternion_product, turns if sequence.isupper() else turns[::-1]))
+    from scipy.spatial.transform import Rotation  # here: it takes a while to load
+
+    return normalised(Rotation.from_euler(sequence, angles).as_quat(scalar_first=True))
 
 
 # ------------------------------------------------------------------------------------------------------------------
