@@ -19,6 +19,7 @@ from .files import A_FILE, WORK, Budget, Lines, opened
 from .leg import EXTRA, NAME, ExactCampaign, check_model, leg_problem
 from .polynomial import READINGS, Polynomial, Spend, constant, least, substituted, unknown
 from .readers import (
+    Json,
     Reader,
     Refused,
     Unusable,
@@ -73,7 +74,7 @@ class Claims:
 class Accepted:
     """What a certificate proves, of what, and how much work that was."""
 
-    header: dict[str, Any]  # the first line
+    header: Json  # the first line
     leg: int | None  # None: of constraints that the certificate states itself
     model: str | None  # of the leg
     about: str  # constraints of its own: what they are about, in the certificate's words, which are not checked
@@ -130,7 +131,7 @@ _STATED = record(
 
 
 def problem_of(
-    header: dict[str, Any], lines: Lines, certificate: Path, campaign: Path | ExactCampaign | None
+    header: Json, lines: Lines, certificate: Path, campaign: Path | ExactCampaign | None
 ) -> tuple[Problem, Box]:
     """The problem and its box; of a leg by its campaign, else by the lines that follow."""
     if header.get("format") != FORMAT:
@@ -138,9 +139,7 @@ def problem_of(
     return _leg(header, lines, certificate, campaign) if "campaign" in header else _stated(header, lines)
 
 
-def _leg(
-    header: dict[str, Any], lines: Lines, certificate: Path, given: Path | ExactCampaign | None
-) -> tuple[Problem, Box]:
+def _leg(header: Json, lines: Lines, certificate: Path, given: Path | ExactCampaign | None) -> tuple[Problem, Box]:
     forms: tuple[Given, ...] = ()
     if "forms" in header:
         header = dict(header)
@@ -175,7 +174,7 @@ def with_forms(root: Box, forms: Sequence[Polynomial], spend: Spend) -> Box:
     return Box((*root.lo, *(-end for end in ends)), (*root.hi, *ends))
 
 
-def _stated(header: dict[str, Any], lines: Lines) -> tuple[Problem, Box]:
+def _stated(header: Json, lines: Lines) -> tuple[Problem, Box]:
     """The problem of the lines that follow, and its box."""
     _, about, names, objective, count, lo, hi = _STATED(header)
     of_a_leg, n = _OF_A_LEG.fullmatch(about), len(names)
@@ -233,7 +232,7 @@ def check(certificate: Path, campaign: Path | ExactCampaign | None = None, *, wo
         return check_lines(lines, lambda header: problem_of(header, lines, certificate, campaign))
 
 
-def check_lines(lines: Lines, formed: Callable[[dict[str, Any]], tuple[Problem, Box]]) -> Accepted:
+def check_lines(lines: Lines, formed: Callable[[Json], tuple[Problem, Box]]) -> Accepted:
     """Check the lines of a certificate about the problem that is `formed` of its header. Raises Refused."""
     try:
         header = lines.following("the header")
@@ -254,7 +253,7 @@ class Certificates(ABC):
         self.known: dict[str, Accepted | Refused] = {}
 
     @abstractmethod
-    def form(self, header: dict[str, Any], lines: Lines) -> tuple[Problem, Box]:
+    def form(self, header: Json, lines: Lines) -> tuple[Problem, Box]:
         """The problem and its box."""
 
     @property
@@ -332,7 +331,7 @@ class _Check:
         self.steps, self.next_name = 0, 1
         self.last: tuple[Row, ...] = ()
 
-    def accepted(self, header: dict[str, Any]) -> Accepted:
+    def accepted(self, header: Json) -> Accepted:
         p = self.problem
         self.about = header.get("campaign"), header.get("leg"), p.model, p.chosen, p.forms
         self.claims = self._claims(self.lines.following("the claims"))
@@ -352,7 +351,7 @@ class _Check:
 
     # the claims ---------------------------------------------------------------------------------------------------
 
-    def _claims(self, value: dict[str, Any]) -> Claims:
+    def _claims(self, value: Json) -> Claims:
         cap, infeasible, epsilon, hull, given = self.schema["claims"](value)
         self._check_cap(cap)
         o, (lo, hi) = self.problem.objective, epsilon or (None, None)
@@ -400,7 +399,7 @@ class _Check:
 
     # the steps ----------------------------------------------------------------------------------------------------
 
-    def _step(self, step: dict[str, Any]) -> None:
+    def _step(self, step: Json) -> None:
         kind = next((kind for kind in ("pass", "exclude", "split") if kind in step), None)
         if kind is None:
             raise Refused("is neither a pass, nor an exclusion, nor a split")

@@ -8,7 +8,7 @@ from collections.abc import Callable, Hashable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from .readers import Refused, Unusable, shown
+from .readers import Json, Refused, Unusable, shown
 
 WORK = 72_000_000  # of one certificate, or of a run of up to 1,000 measurements: 9 s at 8,000,000 units a second
 _A_MEASUREMENT = 1_000  # more of a leg, for each measurement beyond
@@ -43,14 +43,14 @@ def no_float(text: str) -> Any:
     raise ValueError(f"{text[:40]} is no number here")
 
 
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _unique(pairs: list[tuple[str, Any]]) -> Json:
     found = dict(pairs)
     if len(found) < len(pairs):
         raise ValueError("a key stands twice")
     return found
 
 
-def parsed(text: bytes, floats: Callable[[str], Any] = no_float) -> dict[str, Any]:
+def parsed(text: bytes, floats: Callable[[str], Any] = no_float) -> Json:
     """The object of a JSON text: UTF-8, no key twice; `floats` makes its numbers with a point or an exponent."""
     try:
         found = json.loads(text.decode(), parse_float=floats, parse_constant=no_float, object_pairs_hook=_unique)
@@ -87,7 +87,7 @@ class Lines:
         self._stream, self.budget, self.line, self.text = stream, budget, 0, b""
         self.spend = budget.spend
 
-    def __iter__(self) -> Iterator[dict[str, Any]]:
+    def __iter__(self) -> Iterator[Json]:
         while line := self._stream.readline(LONGEST_LINE + 1):
             self.line += 1
             if len(line) > LONGEST_LINE:
@@ -96,7 +96,7 @@ class Lines:
             self.text = line
             yield parsed(line)
 
-    def following(self, what: str) -> dict[str, Any]:
+    def following(self, what: str) -> Json:
         for value in self:
             return value
         self.line += 1

@@ -30,7 +30,7 @@ from .polynomial import (
     signed,
     unknown,
 )
-from .readers import Refused, array, decimals, shown, text
+from .readers import Json, Refused, array, decimals, shown, text
 from .rule import ENDS, SIDES, Constraint, Problem, Unknowns, beyond
 
 # a formula, traced once ----------------------------------------------------------------------------------------------
@@ -432,7 +432,7 @@ class ExactCampaign:
         except Refused as refused:
             raise Refused(f"{NAME}: {refused.reason}", "campaign", 0) from None
 
-    def _read(self, data: dict[str, Any]) -> None:
+    def _read(self, data: Json) -> None:
         if data.keys() != {"format", *_OTHERS, "measurements"}:
             raise Refused("it holds another key than " + ", ".join(["format", *_OTHERS, "measurements"]))
         if data["format"] != FORMAT:

@@ -44,6 +44,7 @@ from .polynomial import Form, Polynomial, Spend, Terms, applied, forms, inner, m
 from .polynomial import product as matrix_product
 from .readers import (
     STRANGE,
+    Json,
     Refused,
     Unusable,
     anything,
@@ -395,7 +396,7 @@ def _checked(path: Path, name: str, budget: Budget) -> PoseSetChecked:
     return PoseSetChecked(name, len(sight.dots), outliers, digest, files, pose, radii, tuple(certificates.known))
 
 
-def digest_of(inputs: dict[str, Any]) -> str:
+def digest_of(inputs: Json) -> str:
     """SHA-256 of the canonical JSON: keys sorted, no white space."""
     return hashlib.sha256(json.dumps(inputs, sort_keys=True, separators=(",", ":")).encode("ascii")).hexdigest()
 
@@ -469,7 +470,7 @@ class PoseCertificates(Certificates):
             if not rows.fails(k):
                 raise Refused(f"it is not proved that dot {k} is wrong", "proof")
 
-    def form(self, header: dict[str, Any], lines: Lines) -> tuple[Problem, Box]:
+    def form(self, header: Json, lines: Lines) -> tuple[Problem, Box]:
         _, digest, dots, outliers, wrong, turn, after = _HEADER(header)
         if digest != self.digest:
             raise Refused("the certificate is about other pixels, another camera or another target", "run")
