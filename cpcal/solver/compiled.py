@@ -300,12 +300,12 @@ def _machine_code(function: Function, link: Callable[[], None]) -> Any:
 def _names_alone(library: Any) -> Any:
     """What numba reads beside the machine code: the names that it defines. With the code in LLVM's form, which serves
     those alone who link what is kept into something else, loading takes twice as long."""
-    from llvmlite import binding
+    from numba.core.codegen import ll
 
     module = library._final_module
     functions = (f'define void @"{one.name}"() {{ unreachable }}' for one in module.functions if not one.is_declaration)
     others = (f'@"{one.name}" = global i8 0' for one in module.global_variables if not one.is_declaration)
-    return binding.parse_assembly("\n".join((*functions, *others))).as_bitcode()
+    return ll.parse_assembly("\n".join((*functions, *others))).as_bitcode()
 
 
 @contextmanager
