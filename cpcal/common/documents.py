@@ -14,7 +14,7 @@ import math
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -414,26 +414,21 @@ def document(format_: str, sections: Mapping[str, Mapping[str, object]], provena
     return toml_text({"format": format_, **sections, "provenance": provenance}).encode()
 
 
-def toml_text(table: Mapping[str, Any]) -> str:
-    """A TOML document; floats by repr. None and empty tables are left out."""
-    return "\n".join(_toml(table, "")) + "\n"
+def toml_text(table: Mapping[str, Any], path: str = "") -> str:
+    """A TOML document, or the part of one that `path` leads to: simple values, then tables, then arrays of tables.
 
-
-def _toml(table: Mapping[str, Any], path: str) -> Iterator[str]:
-    """Simple values first, then tables, then arrays of tables."""
-    nested = {}
+    Floats by repr. None and empty tables are left out.
+    """
+    text, nested = "", {}
     for key, value in table.items():
         name = key if re.fullmatch("[A-Za-z0-9_-]+", key) else written(key)
         if isinstance(value, Mapping):
-            nested[f"\n[{path}{name}]"] = f"{path}{name}.", [value] * bool(value)
+            nested[f"\n[{path}{name}]\n"] = f"{path}{name}.", [value] * bool(value)
         elif isinstance(value, list) and value and isinstance(value[0], Mapping):
-            nested[f"\n[[{path}{name}]]"] = f"{path}{name}.", value
+            nested[f"\n[[{path}{name}]]\n"] = f"{path}{name}.", value
         elif value is not None:
-            yield f"{name} = {written(value)}"
-    for head, (inner, parts) in nested.items():
-        for part in parts:
-            yield head
-            yield from _toml(part, inner)
+            text += f"{name} = {written(value)}\n"
+    return text + "".join(head + toml_text(part, inner) for head, (inner, parts) in nested.items() for part in parts)
 
 
 def written(value: Any) -> str:

@@ -199,7 +199,7 @@ def other_angles(given: Given) -> Variants:
             for values in (angles, angles[:, ::-1]) if meant == _VECTOR != taken else (angles,):
                 if meant != taken:
                     name = f"rotations are {said}, not {_MEANT[taken]}; capitals: turned axes"
-                    yield name, given.posed(given.pose.position, _quaternion(meant, values))
+                    yield name, _turned(given, meant, values)
 
 
 def radians_as_degrees(given: Given) -> Variants:
@@ -209,9 +209,8 @@ def radians_as_degrees(given: Given) -> Variants:
         angles = _angles(form, given.pose.quaternion)
         for axis in (None, *range(3)) if form != _VECTOR else (None,):
             wrong = np.ones(3, bool) if axis is None else np.arange(3) == axis
-            turned = _quaternion(form, np.where(wrong, _DEGREES * angles, angles))
             said = name if axis is None else f"{name}: the one about {form[axis].lower()} alone"
-            yield said, given.posed(given.pose.position, turned)
+            yield said, _turned(given, form, np.where(wrong, _DEGREES * angles, angles))
 
 
 def degrees_as_radians(given: Given) -> Variants:
@@ -236,7 +235,7 @@ def degrees_as_radians(given: Given) -> Variants:
             nearer = np.argmin(np.abs(tried - near).max(axis=2), axis=0)
             chosen = tried[nearer, np.arange(len(near))]
         name = "rotation angles are in degrees, and were taken for radians"
-        yield name, given.posed(given.pose.position, _quaternion(form, chosen))
+        yield name, _turned(given, form, chosen)
 
 
 def _unwrapped(angles: Floats, near: Floats) -> Floats:
@@ -264,9 +263,10 @@ def _angles(form: str, quaternion: Floats) -> Floats:
         return np.asarray(Rotation.from_quat(np.roll(quaternion, -1, axis=1)).as_euler(form))  # type: ignore[call-overload]
 
 
-def _quaternion(form: str, angles: Floats) -> Floats:
-    """(N, 4), of three angles (N, 3) rad."""
-    return quaternion_from_rotation_vector(angles) if form == _VECTOR else quaternion_from_euler(form, angles)
+def _turned(given: Given, form: str, angles: Floats) -> Given:
+    """With other rotations, of three angles (N, 3) rad."""
+    turn = quaternion_from_rotation_vector(angles) if form == _VECTOR else quaternion_from_euler(form, angles)
+    return given.posed(given.pose.position, turn)
 
 
 def units(given: Given) -> Variants:
