@@ -7,13 +7,14 @@ proved.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from cpcal.checker.frames import GIVEN
-from cpcal.common.errors import unusable
+from cpcal.common.errors import InputError, unusable
 from cpcal.common.least_squares import Blocks, Fit, least_squares
 from cpcal.common.numbers import nearest
 from cpcal.common.values import Floats
@@ -577,3 +578,69 @@ def _step(model: PixelModel, at: ReadFrames, reach: Floats, worst: float) -> tup
         found = linprog(cost, rows, rhs, bounds=bounds, method="highs")
         point, good = found.x, found.status == 0
     return (reach * point[: model.size], scale * float(point[-1])) if good else (np.zeros(model.size), worst)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# What a certified answer begins with: the best frames of all images or of some, and about what errors these leave.
+
+FEWEST = 4  # images of a group
+_TRIALS = 30  # of random images that the fit starts from
+
+
+def best_frames(study: HandEyeStudy, classical: ClassicalAnswer) -> ReadFrames:
+    """The frames of the least largest error near the classical answer, and the readings of uncertain poses."""
+    return minimax_fit(PixelModel(study), ReadFrames(classical.frames, classical.readings))[0]
+
+
+def stated_readings(study: HandEyeStudy, kept: Sequence[int], values: Floats) -> tuple[tuple[float, ...], ...]:
+    """Image by image, the stated poses of those that are left out; none of exact poses."""
+    readings = np.zeros((len(study.images), 6))
+    readings[kept] = values
+    return tuple(map(tuple, readings.tolist())) if study.uncertain else ()
+
+
+def least_errors(study: HandEyeStudy, best: ReadFrames) -> list[tuple[float, int]]:
+    """About the least error in px that the pixels of each image allow with any pose of the target, found near `best`,
+    and its number."""
+    there, found = study.exactly(best.readings), []
+    for k in image_poses(study)[0]:
+        model = PixelModel(there.part(np.array([k])))
+        found.append((minimax_fit(model, model.stated(best.frames), restarts=1)[1], k))
+    return found
+
+
+def least_error(study: HandEyeStudy, images: Sequence[int]) -> float:
+    """About the least error of some images: where a fit ends, px."""
+    part = study.part(np.array(images))
+    return excess(PixelModel(part), best_frames(part, classical_answer(part)))
+
+
+def trimmed_fit(study: HandEyeStudy, outliers: int, random: np.random.Generator) -> list[int]:
+    """The `outliers` images that least squares over all others fits worst, in the best of fits from random images.
+
+    Each fit is repeated with the images that fit best, until they stay the same.
+    """
+    count = len(study.images)
+    best = None
+    for trial in range(_TRIALS):
+        chosen = np.arange(count) if not trial else np.sort(random.choice(count, FEWEST, replace=False))
+        for _ in range(10):
+            try:
+                frames = classical_answer(study.part(chosen)).frames
+            except InputError:
+                break
+            model = PixelModel(study)
+            each = (model(model.stated(frames)) ** 2).reshape(2, -1).sum(axis=0)
+            number = np.bincount(study.image, minlength=count)
+            squares = np.bincount(study.image, weights=each, minlength=count) / np.maximum(number, 1)  # the mean
+            order = np.argsort(squares, kind="stable")
+            kept = np.sort(order[: count - outliers])
+            value = float(squares[kept].sum())
+            if np.isfinite(value) and (best is None or value < best[0] * (1.0 - 1e-9)):
+                best = value, sorted(order[count - outliers :].tolist())
+            if np.array_equal(kept, chosen):
+                break
+            chosen = kept
+    if best is None:
+        raise unusable("study", "has no images that determine the frames", "check poses and points")
+    return best[1]

@@ -35,14 +35,14 @@ from cpcal.common.version import __version__
 from cpcal.models.frames import COARSE, PlacedFrames, Proof, Prover, Tell, exact
 from cpcal.models.hand_eye import HandEyeStudy, Known, load_study_json
 from cpcal.models.hand_eye_fit import (
-    ClassicalAnswer,
-    PixelModel,
-    ReadFrames,
+    FEWEST,
+    best_frames,
     classical_answer,
-    excess,
-    image_poses,
-    minimax_fit,
+    least_error,
+    least_errors,
     opencv_answers,
+    stated_readings,
+    trimmed_fit,
 )
 from cpcal.questions.result import Result
 from cpcal.solver.interval.numbers import round_down, round_up
@@ -306,8 +306,6 @@ _SHARES = (0.0, 1e-4, 1e-2, 0.1)  # below eps_hi: tolerances that are tried for 
 _NEAR = (0.0, 1e-6, 1e-4, 1e-2)  # the same below the least error of a single image
 _BETWEEN = (0.95, 0.7, 0.4)  # of the way from there to eps_hi: what all images may refute
 _GROUP_SHARES = (0.999, 0.97, 0.9, 0.7)  # of the least error of the groups: what is tried to prove
-_LEAST = 4  # images of a group
-_TRIALS = 30  # of random images that the fit starts from
 
 _Refuted = list[tuple[RefutedGroup, Proof]]
 
@@ -342,9 +340,9 @@ def certify_hand_eye(
     of the box or, where positions are known, behind the camera, and for fewer than four images a group.
     """
     began, every = time.monotonic(), range(len(study.images))
-    wrong, most = tolerance is not None and not 0.0 <= tolerance < math.inf, max(len(every) // _LEAST - 2, 0)
+    wrong, most = tolerance is not None and not 0.0 <= tolerance < math.inf, max(len(every) // FEWEST - 2, 0)
     nowhere = at is not None and (len(at) != 3 or not np.abs(at).max() < _FARTHEST)
-    more = f"these images do for at most {most}: each further one takes {_LEAST} images more"
+    more = f"these images do for at most {most}: each further one takes {FEWEST} images more"
     refuse(
         (wrong, "tolerance", f"is {tolerance}", "give pixels, from 0"),
         (nowhere, "point before the camera", f"is {at}", "give x, y, z in the camera frame, mm"),
@@ -362,12 +360,12 @@ def certify_hand_eye(
     given = [(name, F(low), F(high)) for name, low, high in asked.known]
     if not holds(point.numbers, asked.center.numbers, F(asked.reach), angle, given):
         raise unusable("option --within", "leaves out the best frames found", "give a larger box")
-    readings, own = (_stated_readings(study, kept, of.readings) for of in (best, classical))
+    readings, own = (stated_readings(study, kept, of.readings) for of in (best, classical))
     groups = [list(every[k :: outliers + 1]) for k in range(outliers + 1)]
     with_one = {k: [sorted([*kept[n :: outliers + 1], k]) for n in range(outliers + 1)] for k in left}
-    least = min(_least_error(study, group) for group in groups) if outliers else 0.0
+    least = min(least_error(study, group) for group in groups) if outliers else 0.0
     worst = max(least_errors(study, best)) if study.uncertain and not outliers else None
-    least_with = {k: min(_least_error(study, group) for group in some) for k, some in with_one.items()}
+    least_with = {k: min(least_error(study, group) for group in some) for k, some in with_one.items()}
 
     # from here on exact numbers
     prover = Prover(study, asked.center.numbers, asked.reach, asked.angle, best.frames, tell)
@@ -438,18 +436,6 @@ def certify_hand_eye(
     )
 
 
-def best_frames(study: HandEyeStudy, classical: ClassicalAnswer) -> ReadFrames:
-    """The frames of the least largest error near the classical answer, and the readings of uncertain poses."""
-    return minimax_fit(PixelModel(study), ReadFrames(classical.frames, classical.readings))[0]
-
-
-def _stated_readings(study: HandEyeStudy, kept: Sequence[int], values: Floats) -> tuple[Reading, ...]:
-    """Image by image, the stated poses of those that are left out; none of exact poses."""
-    readings = np.zeros((len(study.images), 6))
-    readings[kept] = values
-    return tuple(map(tuple, readings.tolist())) if study.uncertain else ()
-
-
 def _lower_end(
     prover: Prover,
     groups: Sequence[Sequence[int]],
@@ -499,22 +485,6 @@ def _refuted(
     return found
 
 
-def least_errors(study: HandEyeStudy, best: ReadFrames) -> list[tuple[float, int]]:
-    """About the least error in px that the pixels of each image allow with any pose of the target, found near `best`,
-    and its number."""
-    there, found = study.exactly(best.readings), []
-    for k in image_poses(study)[0]:
-        model = PixelModel(there.part(np.array([k])))
-        found.append((minimax_fit(model, model.stated(best.frames), restarts=1)[1], k))
-    return found
-
-
-def _least_error(study: HandEyeStudy, images: Sequence[int]) -> float:
-    """About the least error of some images: where a fit ends, px."""
-    part = study.part(np.array(images))
-    return excess(PixelModel(part), best_frames(part, classical_answer(part)))
-
-
 def _ranges(wide: Proof, point: PlacedFrames, hand: Sequence[F], at: Sequence[float] | None) -> FrameRanges:
     file = wide.certificate or ""
     if wide.left is None:
@@ -528,37 +498,6 @@ def _ranges(wide: Proof, point: PlacedFrames, hand: Sequence[F], at: Sequence[fl
     known = KnownPoint((there[0], there[1], there[2]), *known_point(*box, hand, exact(there), point.numbers))
     lo, hi = (tuple(map(float, side)) for side in box)
     return FrameRanges(low, high, lo, hi, known, file)
-
-
-def trimmed_fit(study: HandEyeStudy, outliers: int, random: np.random.Generator) -> list[int]:
-    """The `outliers` images that least squares over all others fits worst, in the best of fits from random images.
-
-    Each fit is repeated with the images that fit best, until they stay the same.
-    """
-    count = len(study.images)
-    best = None
-    for trial in range(_TRIALS):
-        chosen = np.arange(count) if not trial else np.sort(random.choice(count, _LEAST, replace=False))
-        for _ in range(10):
-            try:
-                frames = classical_answer(study.part(chosen)).frames
-            except InputError:
-                break
-            model = PixelModel(study)
-            each = (model(model.stated(frames)) ** 2).reshape(2, -1).sum(axis=0)
-            number = np.bincount(study.image, minlength=count)
-            squares = np.bincount(study.image, weights=each, minlength=count) / np.maximum(number, 1)  # the mean
-            order = np.argsort(squares, kind="stable")
-            kept = np.sort(order[: count - outliers])
-            value = float(squares[kept].sum())
-            if math.isfinite(value) and (best is None or value < best[0] * (1.0 - 1e-9)):
-                best = value, sorted(order[count - outliers :].tolist())
-            if np.array_equal(kept, chosen):
-                break
-            chosen = kept
-    if best is None:
-        raise unusable("study", "has no images that determine the frames", "check poses and points")
-    return best[1]
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -598,7 +537,7 @@ def _not_least_squares(study: HandEyeStudy, found: HandEyeResult) -> str:
     near = F(_APART * min(place, found.asked.reach) + _ROUNDING), F(np.degrees(_APART * min(turn, 1.0) + _ROUNDING))
     if not holds(PlacedFrames.of(answer.frames).numbers, found.asked.center.numbers, *near):
         return "it is not the least-squares answer"
-    readings, own = found.classical.readings, _stated_readings(study, kept, answer.readings)
+    readings, own = found.classical.readings, stated_readings(study, kept, answer.readings)
     if [len(row) for row in readings] == [6] * len(own):
         off = np.abs(np.array(readings) - np.array(own)) <= _APART * study.pose_half_width if own else np.array(True)
         if off.all():

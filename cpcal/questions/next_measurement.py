@@ -19,10 +19,9 @@ from cpcal.common.values import Floats
 from cpcal.models import PLAIN, ModelResiduals, reading_moves
 from cpcal.models.frames import Tell
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy
-from cpcal.models.hand_eye_fit import PARAMETERS, PixelModel, ReadFrames, classical_answer, excess
+from cpcal.models.hand_eye_fit import PARAMETERS, PixelModel, ReadFrames, best_frames, classical_answer, excess
 from cpcal.models.leg_set import CertifiedSet
 from cpcal.models.platform import pose_inverse
-from cpcal.questions.hand_eye import best_frames
 from cpcal.robot import (
     Campaign,
     LegEquations,

@@ -24,6 +24,7 @@ from cpcal.checker.hand_eye import errors, known_point, parameter_ranges
 from cpcal.checker.readers import dyadic
 from cpcal.cli import app
 from cpcal.common.errors import InputError
+from cpcal.models import hand_eye_fit
 from cpcal.models.frames import PlacedFrames, Prover, exact, exact_study
 from cpcal.models.hand_eye import (
     HandEyeFrames,
@@ -35,7 +36,6 @@ from cpcal.models.hand_eye import (
 )
 from cpcal.models.hand_eye_fit import classical_answer
 from cpcal.models.hand_eye_sources import read_pose_pairs, study_of_pairs
-from cpcal.questions import hand_eye
 from cpcal.questions.hand_eye import (
     KnownPoint,
     OtherAnswer,
@@ -121,7 +121,7 @@ def wrong(tmp_path_factory):
     study = replace(simulated.study, poses=Pose(moved, simulated.study.poses.quaternion))
     run = Run(tmp_path_factory.mktemp("runs") / "wrong", study, simulated.truth)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(hand_eye, "_TRIALS", 4)
+        patch.setattr(hand_eye_fit, "_TRIALS", 4)
         return certified(run, outliers=1, within=NEAR)
 
 
