@@ -291,23 +291,26 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
 
 def _within_given(study: HandEyeStudy, at: ReadFrames, covariance: Floats, alone: float) -> tuple[ReadFrames, Floats]:
     """Least squares again, from its answer, with positions that lie beyond what is known held at its nearer ends while
-    the data press them there."""
+    the data press them there; each is let go once at most."""
     (low, high), names, model, ends = study.given, list(GIVEN), PixelModel(study), dict[int, float]()
-    for attempt in range(2 * _ROUNDS):
+    released = set[int]()
+    while True:
         place, slope = places(at.frames)
         nearer, residuals = np.clip(place, low, high), model(at)
         beyond = {k: float(nearer[k]) for k in range(len(names)) if k not in ends and abs(place - nearer)[k] > _BEYOND}
         rising = np.linalg.lstsq(slope[[*ends]].T, model.blocks(at)[0].T @ residuals)[0]
-        gained = [-up * (high - low)[k] * (1 if ends[k] == low[k] else -1) for k, up in zip(ends, rising, strict=True)]
-        if not beyond and attempt < _ROUNDS and max(gained, default=0.0) > _STILL * float(residuals @ residuals):
-            del ends[list(ends)[int(np.argmax(gained))]]
-        elif beyond:
+        inward = {k: (high - low)[k] * (1 if end == low[k] else -1) for k, end in ends.items()}
+        gained = [(-up * inward[k], k) for k, up in zip(ends, rising, strict=True) if k not in released]
+        gain, k = max(gained, default=(0.0, 0))
+        if beyond:
             ends |= beyond
+        elif gain > _STILL * float(residuals @ residuals):
+            released.add(k)
+            del ends[k]
         else:
-            break
+            return at, covariance
         part = replace(study, known=tuple((names[k], end, end) for k, end in ends.items()))
         at, covariance = _fitted(part, PixelModel(part).moved(at, np.zeros(model.size)), alone)
-    return at, covariance
 
 
 def _fitted(study: HandEyeStudy, start: ReadFrames, alone: float) -> tuple[ReadFrames, Floats]:

@@ -163,7 +163,11 @@ def study_of_robot(study: Study) -> HandEyeStudy:
 def with_half_widths(study: HandEyeStudy, text: str) -> HandEyeStudy:
     """Every pose uncertain by `MM,DEG` on each axis, or by what the data tell ("estimated"). Raises InputError."""
     if text == "estimated":
-        position, turn = estimated_half_widths(study)
+        try:
+            position, turn = estimated_half_widths(study)
+        except np.linalg.LinAlgError:  # single images that fit without error leave no scale to weigh poses by
+            what = "cannot be estimated from these data"
+            raise unusable("what the poses may be off", what, "state it: --off MM,DEG") from None
         told = f"estimated from the data: {at_most(position, 2)} mm, {at_most(np.degrees(turn), 2)} degrees"
     else:
         try:
