@@ -13,7 +13,7 @@ import numpy as np
 from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import listed
 from cpcal.common.least_squares import least_squares
-from cpcal.common.values import ArrayLike, Bools, Floats, floats, freeze
+from cpcal.common.values import ArrayLike, Bools, Floats, Names, floats, freeze
 from cpcal.robot import Campaign, LegEquations, Robot, distances, forward_poses
 
 
@@ -415,7 +415,7 @@ class Validation:
     floor        root mean squares (mm, rad) that the noise of these readings makes of perfect parameters; where known
     """
 
-    names: tuple[str, ...]
+    names: Names
     position: tuple[Numbers, Numbers]
     orientation: tuple[Numbers, Numbers]
     floor: tuple[float, float] | None = None
@@ -431,7 +431,7 @@ class Validation:
         return np.asarray(np.isfinite(self.position).all(axis=0))
 
     @property
-    def failed(self) -> tuple[str, ...]:
+    def failed(self) -> Names:
         """Poses for which the forward kinematics did not converge, before or after."""
         return tuple(name for name, good in zip(self.names, self.compared, strict=True) if not good)
 

@@ -17,7 +17,7 @@ from cpcal.calibration.fit import Fit, Noise, fit, robust_scale
 from cpcal.common.errors import InputError, unusable
 from cpcal.common.files import listed
 from cpcal.common.numbers import about, nearest
-from cpcal.common.values import Bools, Floats
+from cpcal.common.values import Bools, Floats, Numbers
 from cpcal.robot import (
     Campaign,
     KinematicsError,
@@ -65,9 +65,9 @@ class FittedFrame:
     drawing_error    mm: how far a coordinate of a joint centre is off its drawing (standard deviation)
     """
 
-    position: tuple[float, ...]
-    quaternion: tuple[float, ...]
-    sigma: tuple[float, ...]
+    position: Numbers
+    quaternion: Numbers
+    sigma: Numbers
     drawing_error: float
 
     def sentence(self, name: str) -> str:

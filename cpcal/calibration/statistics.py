@@ -18,7 +18,7 @@ import numpy.typing as npt
 from cpcal.calibration.fit import Noise
 from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import listed
-from cpcal.common.values import ArrayLike, Bools, Floats, Ints, floats, frozen_array
+from cpcal.common.values import ArrayLike, Bools, Floats, Ints, Names, floats, frozen_array
 from cpcal.robot import Campaign, LegEquations, PoseTable, Robot, Uncertainty, turn_between
 from cpcal.robot.units import AXES, leg_columns
 
@@ -36,10 +36,10 @@ class Deviations(NamedTuple):
     sigma     (C,) standard deviations of one reading, pooled over the configurations, divisor N - K
     """
 
-    names: tuple[str, ...]
+    names: Names
     group: Ints
-    row_names: tuple[str, ...]
-    channels: tuple[str, ...]
+    row_names: Names
+    channels: Names
     values: Floats
     repeats: Ints
     freedom: int
@@ -93,7 +93,7 @@ def means(campaign: Campaign, group: Ints, count: int) -> tuple[Floats, Floats, 
     return position, mean_rotations(campaign.quaternion, group, count), length
 
 
-def grouped(configuration: Sequence[Hashable], *, repeated: bool = True) -> tuple[Ints, tuple[str, ...]]:
+def grouped(configuration: Sequence[Hashable], *, repeated: bool = True) -> tuple[Ints, Names]:
     """The number of each row's configuration, and the configurations' names.
 
     Raises InputError if none is repeated, where that is asked for.
@@ -204,14 +204,14 @@ class Screening(NamedTuple):
     left_out   the names of the outliers; none where they are too many to be such
     """
 
-    channels: tuple[str, ...]
+    channels: Names
     scores: Floats
     rows: tuple[int, ...]
-    names: tuple[str, ...]
-    untested: tuple[str, ...]
+    names: Names
+    untested: Names
     too_many: bool
     keep: Bools
-    left_out: tuple[str, ...]
+    left_out: Names
 
     @property
     def sentence(self) -> str:

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 # ------------------------------------------------------------------------------------------------------------------
-# Types of numpy arrays, for the whole package.
+# Types of numpy arrays, and of tuples, for the whole package.
 
 ArrayLike: TypeAlias = npt.ArrayLike  # what numpy makes an array of
 AnyArray: TypeAlias = npt.NDArray[Any]
@@ -30,6 +30,8 @@ Bools: TypeAlias = npt.NDArray[np.bool_]
 Indices: TypeAlias = npt.NDArray[np.intp]
 Ints: TypeAlias = npt.NDArray[np.int64]
 Shape: TypeAlias = tuple[int, ...]
+Names: TypeAlias = tuple[str, ...]
+Numbers: TypeAlias = tuple[float, ...]
 
 TINY = float(np.finfo(np.float64).tiny)  # below every number that is told from 0
 FORTH, BACK = [1, 2, 0], [2, 0, 1]  # of a cross product

@@ -27,7 +27,7 @@ from cpcal.common.documents import NUMBERS
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import TEXT_MAX, listed, small_file
 from cpcal.common.numbers import about
-from cpcal.common.values import ArrayLike, Floats
+from cpcal.common.values import ArrayLike, Floats, Names
 from cpcal.files.folders import Settings, campaign_of_table, load_settings
 from cpcal.files.tables import QUATERNION, Table
 from cpcal.robot import EXACT_OR_NOT, ROBOTS, Campaign, Robot, known_robot
@@ -62,8 +62,8 @@ class Log:
     """
 
     where: str
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
+    header: Names
+    rows: tuple[Names, ...]
     lines: tuple[int, ...]
     decimal: str
 
@@ -138,7 +138,7 @@ def _guessed(lines: list[str], where: str) -> tuple[str, str, int]:
     return best[1:]
 
 
-def _header(lines: list[str], before: int, width: int, mark: str, sign: str) -> tuple[str, ...]:
+def _header(lines: list[str], before: int, width: int, mark: str, sign: str) -> Names:
     """The names of the columns: the last line above that has as many cells and no numbers; a row of units is none."""
     for line in reversed(lines[: before - 1]):
         cells = _cells(_COMMENT.sub("", line, count=1), mark)

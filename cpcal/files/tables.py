@@ -20,7 +20,7 @@ import numpy as np
 from cpcal.common.documents import NUMBERS, csv_table, unguarded
 from cpcal.common.errors import Problems, shown, unusable
 from cpcal.common.files import IDENTIFIER_REMEDY, StrPath, is_identifier, small_file
-from cpcal.common.values import LARGEST, Floats
+from cpcal.common.values import LARGEST, Floats, Names
 from cpcal.robot import Pose, PoseTable
 from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
 from cpcal.robot.units import POSE, leg_columns, override_columns, reading_columns
@@ -159,7 +159,7 @@ class _Reader:
         ids = {name: columns.index(name) for name in _IDENTIFIERS if name in columns}
         places = {name: place for place, name in enumerate(columns) if name and name not in ids}
         found, numbers = {name: list[str]() for name in ids}, array("d")
-        seen, bad = dict[tuple[str, ...], int](), 0
+        seen, bad = dict[Names, int](), 0
         for cells in lines:
             before = len(self.problems)
             if cells is not None and len(cells) != len(columns):
@@ -222,7 +222,7 @@ COLUMNS = ["pose", *POSE]
 _REMEDY = f"give a CSV file with the columns {','.join(COLUMNS)}, in mm"
 
 
-def load_poses(path: StrPath) -> tuple[tuple[str, ...], Pose]:
+def load_poses(path: StrPath) -> tuple[Names, Pose]:
     """Names and poses (K) of a file; a column `run` may be there. Raises InputError with every problem."""
     problems = Problems()
     table = read_table(Path(path), 0, problems, _REMEDY, required=lambda _: COLUMNS, optional=lambda _: ["run"])

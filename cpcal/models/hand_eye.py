@@ -27,7 +27,7 @@ from cpcal.checker.hand_eye import STUDY_FORMAT
 from cpcal.common.documents import KeyPath, TomlReader, csv_table, document, json_object, one_of, text
 from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import StrPath, write_folder
-from cpcal.common.values import Floats, Indices, Value, fill, frozen_array
+from cpcal.common.values import Floats, Indices, Names, Value, fill, frozen_array
 from cpcal.files.log import poses_of_log, read_log
 from cpcal.files.tables import Table, read_table
 from cpcal.robot import Pose, compose, inverse, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
@@ -63,10 +63,10 @@ class HandEyeStudy(Value):
 
     setup: Setup
     camera: Camera
-    images: tuple[str, ...]
+    images: Names
     poses: Pose
     image: Indices
-    names: tuple[str, ...]
+    names: Names
     pixels: Floats
     points: Floats
     half_width: Floats = field(default_factory=lambda: np.zeros(0))
@@ -160,7 +160,7 @@ class HandEyeFrames(NamedTuple):
 
 
 def study_of_board(
-    hand: Pose, seen: Pose, board: Floats, *, setup: Setup, camera: Camera, images: tuple[str, ...]
+    hand: Pose, seen: Pose, board: Floats, *, setup: Setup, camera: Camera, images: Names
 ) -> HandEyeStudy:
     """The exact pixels of the points (k, 3) mm of a board, at n poses of it in the camera frame and of the hand in the
     base frame. Raises InputError with a point behind the camera."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from cpcal.common.errors import InputError, unusable
 from cpcal.common.numbers import at_most, nearest, stated
-from cpcal.common.values import Floats
+from cpcal.common.values import Floats, Numbers
 from cpcal.models.hand_eye import SETUPS, HandEyeStudy, Setup, study_of_board
 from cpcal.models.hand_eye_fit import classical_answer, estimated_half_widths
 from cpcal.robot import (
@@ -47,7 +47,7 @@ def study_of_photos(
     target: Target,
     *,
     camera: Camera,
-    poses: dict[str, tuple[float, ...]],
+    poses: dict[str, Numbers],
     setup: Setup,
     first_row: str | Pose = "",
 ) -> tuple[HandEyeStudy, list[str]]:
@@ -130,7 +130,7 @@ _WHERE = {"eye-in-hand": "on the hand", "eye-to-hand": "beside the robot"}
 # the drawing, whose errors they have; half-widths say how large these may be. The camera is taken as exact.
 
 
-def platform_poses(study: Study) -> dict[str, tuple[float, ...]]:
+def platform_poses(study: Study) -> dict[str, Numbers]:
     """By row of the calibration table (`pose/run`, or `pose/run/image`) the mobile frame in the base frame.
 
     x, y, z in mm, then a unit quaternion, scalar first. Raises KinematicsError where the drawing cannot reach readings.

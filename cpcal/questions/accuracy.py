@@ -19,7 +19,7 @@ from cpcal.common.codec import Document, Informed, checked
 from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.files import StrPath
 from cpcal.common.numbers import about, bracket_text
-from cpcal.common.values import Floats, Indices
+from cpcal.common.values import Floats, Indices, Names, Numbers
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.models import PLAIN, beyond_legs
@@ -59,10 +59,10 @@ class AssumedLeg:
 
     leg: Annotated[int, checked("the certificate: each leg once")]
     eps: Annotated[float, checked("the cap of the certificate")]
-    lo: Annotated[tuple[float, ...], _ENCLOSED]
-    hi: Annotated[tuple[float, ...], _ENCLOSED]
-    directions: Annotated[tuple[tuple[float, ...], ...], checked("forms of the certificate")]
-    left_out: Annotated[tuple[str, ...], checked("the measurements of the certificate")]
+    lo: Annotated[Numbers, _ENCLOSED]
+    hi: Annotated[Numbers, _ENCLOSED]
+    directions: Annotated[tuple[Numbers, ...], checked("forms of the certificate")]
+    left_out: Annotated[Names, checked("the measurements of the certificate")]
     certificate: Annotated[str, checked("a file of the folder, which is accepted")]
     stated: Informed[bool]
     refuted_below: Informed[float]
@@ -89,23 +89,23 @@ class PoseAccuracy:
     position: Annotated[tuple[float, float, float], checked("the form of this pose in each certificate")]
     quaternion: Annotated[tuple[float, float, float, float], checked("the form in each certificate")]
     proved: Annotated[bool, checked("`lo` to `rotation_bound` are proved")]
-    lo: Annotated[tuple[float, ...], _AGAIN]
-    hi: Annotated[tuple[float, ...], _AGAIN]
+    lo: Annotated[Numbers, _AGAIN]
+    hi: Annotated[Numbers, _AGAIN]
     position_bound: Annotated[float, _AGAIN]
     rotation_bound: Annotated[float, _AGAIN]
     far: Informed[float]
     u_position: Informed[float]
     attained: Informed[float]
-    center: Informed[tuple[float, ...]]
-    inverse: Informed[tuple[tuple[float, ...], ...]]
+    center: Informed[Numbers]
+    inverse: Informed[tuple[Numbers, ...]]
 
 
 @dataclass(frozen=True)
 class CellAccuracy:
     """All poses P, R(1, S) with (P, 2 S) between `lo` and `hi`. PROVED as in PoseAccuracy, where `proved`."""
 
-    lo: tuple[float, ...]
-    hi: tuple[float, ...]
+    lo: Numbers
+    hi: Numbers
     proved: bool
     position_bound: float
     rotation_bound: float
@@ -117,10 +117,10 @@ class WorkspaceAccuracy:
     `attained` is the estimate for it, `u_position` the largest met. `proposal`: how the workspace was chosen, if not by
     the user. `complete`: the bound of all cells is within the gap asked for of the worst pose's."""
 
-    lo: tuple[float, ...]
-    hi: tuple[float, ...]
+    lo: Numbers
+    hi: Numbers
     cells: tuple[CellAccuracy, ...]
-    worst_pose: tuple[float, ...]
+    worst_pose: Numbers
     worst_pose_bound: float
     attained: float
     u_position: float
@@ -148,7 +148,7 @@ class Accuracy:
 
     campaign: CampaignNote
     version: Informed[str]
-    parameters: Annotated[tuple[tuple[float, ...], ...], checked("the forms of the certificates")]
+    parameters: Annotated[tuple[Numbers, ...], checked("the forms of the certificates")]
     delta: Annotated[float, checked("the box of each certificate")]
     within: Annotated[tuple[float, float], checked("what is computed again begins with it")]
     held: Annotated[tuple[int, ...], checked("what is computed again holds them")]
@@ -190,7 +190,7 @@ _SAMPLE = 300  # poses of a workspace, for estimates
 class NamedPoses(NamedTuple):
     """K poses with names."""
 
-    names: tuple[str, ...]
+    names: Names
     poses: Pose
 
 

@@ -30,7 +30,7 @@ from cpcal.common.codec import Document, Informed, checked
 from cpcal.common.errors import InputError, refuse, unusable
 from cpcal.common.files import StrPath
 from cpcal.common.numbers import at_least, at_most
-from cpcal.common.values import Floats
+from cpcal.common.values import Floats, Names, Numbers
 from cpcal.common.version import __version__
 from cpcal.models.frames import COARSE, PlacedFrames, Proof, Prover, Tell, exact
 from cpcal.models.hand_eye import HandEyeStudy, Known, load_study_json
@@ -47,7 +47,7 @@ from cpcal.models.hand_eye_fit import (
 from cpcal.questions.result import Result
 from cpcal.solver.interval.numbers import round_down, round_up
 
-Reading = tuple[float, ...]  # of a pose: d in mm and w in rad, see `cpcal.models.hand_eye`
+Reading = Numbers  # of a pose: d in mm and w in rad, see `cpcal.models.hand_eye`
 
 # ------------------------------------------------------------------------------------------------------------------
 # The answer to a hand-eye study, as plain values.
@@ -149,10 +149,10 @@ class FrameRanges:
     file that claims it.
     """
 
-    low: Annotated[tuple[float, ...], _ENDS]
-    high: Annotated[tuple[float, ...], _ENDS]
-    lo: Annotated[tuple[float, ...], _CLAIM]
-    hi: Annotated[tuple[float, ...], _CLAIM]
+    low: Annotated[Numbers, _ENDS]
+    high: Annotated[Numbers, _ENDS]
+    lo: Annotated[Numbers, _CLAIM]
+    hi: Annotated[Numbers, _CLAIM]
     known: KnownPoint | None
     certificate: Annotated[str, _FILE]
 
@@ -212,7 +212,7 @@ class Classical:
 class RefutedGroup:
     """PROVED: no frames in the box explain these images to within the tolerance of what the group is for."""
 
-    images: Annotated[tuple[str, ...], _GROUP]
+    images: Annotated[Names, _GROUP]
     certificate: Annotated[str, _FILE]
 
 
@@ -238,7 +238,7 @@ class HandEyeResult:
     points: Annotated[int, _STUDY]
     asked: AskedBox
     outliers: Annotated[int, checked("so many are left out, and each claim has a group more")]
-    left_out: Annotated[tuple[str, ...], checked("images of the study; all others are explained by the point")]
+    left_out: Annotated[Names, checked("images of the study; all others are explained by the point")]
     eps_lo: Annotated[float, checked("that of the certificates of `lower`; 0 without these")]
     eps_hi: Annotated[float, _LARGEST]
     point: Annotated[PlacedFrames, _LARGEST]
@@ -257,8 +257,8 @@ class HandEyeResult:
     version: Informed[str]
     gap: Informed[float]
     rms: Informed[float]
-    sigma: Informed[tuple[float, ...]]
-    remarks: Informed[tuple[str, ...]]
+    sigma: Informed[Numbers]
+    remarks: Informed[Names]
     programs: Informed[int]
     timed: Informed[bool]
     seconds: Informed[float]

@@ -17,6 +17,7 @@ from cpcal.common.codec import INFORMATION, Document, Informed, checked
 from cpcal.common.errors import printable, refuse, unusable
 from cpcal.common.files import StrPath
 from cpcal.common.numbers import stated
+from cpcal.common.values import Names, Numbers
 from cpcal.files.folders import NAME as CAMPAIGN_NAME
 from cpcal.files.folders import campaign_sha256, save_campaign_json
 from cpcal.models import BUILT_IN, PARAMETERS, PLAIN, LegModel, Parameter, leg_model, model_name_problem
@@ -50,7 +51,7 @@ def _whole(value: Any) -> int:
     return operator.index(value)
 
 
-def _names(value: Sequence[Any]) -> tuple[str, ...]:
+def _names(value: Sequence[Any]) -> Names:
     if isinstance(value, str) or not all(isinstance(name, str) for name in value):
         raise TypeError
     return tuple(value)
@@ -89,7 +90,7 @@ class Options:
     gap: Informed[float] = 1e-6
     time_limit: Informed[float | None] = None
     node_limit: Informed[int | None] = None
-    contractors: Informed[tuple[str, ...]] = ("lifted",)
+    contractors: Informed[Names] = ("lifted",)
     eps: Annotated[float | None, checked("the box and the cap of each certificate")] = None
     tolerance: Informed[float | None] = None
     support: Informed[str] = "few"
@@ -222,7 +223,7 @@ class Recommended:
     squares among parameters that meet the tolerance. Raises ValueError for a number that none of these can be.
     """
 
-    point: Annotated[tuple[float, ...], _ALL]
+    point: Annotated[Numbers, _ALL]
     why: Informed[str]
     largest: Annotated[float, _ALL]
     certificate: Annotated[str | None, _FILE] = None
@@ -233,7 +234,7 @@ class PassesFrom:
     """PROVED: E(point) <= eps, in mm. No smaller tolerance was found at which some parameters pass."""
 
     eps: Annotated[float, _ALL]
-    point: Annotated[tuple[float, ...], _ALL]
+    point: Annotated[Numbers, _ALL]
     certificate: Annotated[str | None, _FILE] = None
 
 
@@ -261,7 +262,7 @@ class Determination:
     measurements: int
     of: int
     rank: int
-    undetermined: tuple[str, ...] = ()
+    undetermined: Names = ()
 
     @property
     def tests_the_model(self) -> bool:
@@ -312,7 +313,7 @@ class ModelNote:
         )
 
     @property
-    def parameters(self) -> tuple[str, ...]:
+    def parameters(self) -> Names:
         return (*PARAMETERS, *(p.name for p in self.extra))
 
     def unit(self, name: str) -> str:
@@ -366,13 +367,13 @@ class LegBracket:
     verdict: Annotated[Verdict, checked("follows from the bounds and the gap", "certificate", json="status")]
     lo: Annotated[float, checked("the claim of the certificate, or the least of the proofs", "certificate", "proofs")]
     hi: Annotated[float, _POINT]
-    point: Annotated[tuple[float, ...] | None, _POINT]
-    center: Annotated[tuple[float, ...], _BOX]
+    point: Annotated[Numbers | None, _POINT]
+    center: Annotated[Numbers, _BOX]
     enclosure: Annotated[Box, _CLAIM]
     certificate: Annotated[str | None, _FILE] = None
-    proofs: Annotated[tuple[str, ...], checked("files of the run, which are accepted")] = ()
+    proofs: Annotated[Names, checked("files of the run, which are accepted")] = ()
     point_certificate: Annotated[str | None, _FILE] = None
-    left_out: Annotated[tuple[str, ...], checked("the measurements of the certificate", "point_certificate")] = ()
+    left_out: Annotated[Names, checked("the measurements of the certificate", "point_certificate")] = ()
 
     def __post_init__(self) -> None:
         size = len(self.enclosure.names)
@@ -431,10 +432,10 @@ class LegResult:
     passes_from: PassesFrom | None = None
     reduced: Reduced | None = None
     ranges: Ranges | None = None
-    support: Informed[tuple[str, ...]] = ()
+    support: Informed[Names] = ()
     not_certified: Informed[Uncertified] = Uncertified.NOTHING
     verified: Annotated[VerifiedPoint | None, checked(INFORMATION, json="center_verified")] = None
-    extra: Informed[tuple[float, ...]] = ()
+    extra: Informed[Numbers] = ()
     determination: Informed[Determination | None] = None
     work: Informed[Work] = Work()
 
@@ -457,7 +458,7 @@ class LegResult:
             raise ValueError("the extra parameters of the center are not those of the model")
 
     @property
-    def center(self) -> tuple[float, ...]:
+    def center(self) -> Numbers:
         """All parameters of the fit, or of the nominal values, that the box is around."""
         return self.bracket.center + self.extra
 

@@ -29,7 +29,7 @@ from cpcal.calibration.statistics import (
 from cpcal.common.codec import Document
 from cpcal.common.errors import refuse
 from cpcal.common.numbers import about
-from cpcal.common.values import Floats
+from cpcal.common.values import Floats, Names, Numbers
 from cpcal.files import campaign_sha256
 from cpcal.robot import Campaign, Robot, Study, inverse
 
@@ -91,7 +91,7 @@ class Budget:
 
     inputs: Inputs
     contributions: tuple[Contribution, ...]
-    expanded: tuple[tuple[float, ...], ...]
+    expanded: tuple[Numbers, ...]
     rms: float
     largest: float
 
@@ -155,7 +155,6 @@ def budget(best: Fit, campaign: Campaign, drawing: Robot, inputs: Inputs) -> Bud
 # Lengths in mm, angles in rad. Joint centres, base and mobile, are in the frames of camera and target, where the
 # campaign beside the record has them.
 
-Numbers = tuple[float, ...]
 Rows = tuple[Numbers, ...]
 
 
@@ -189,7 +188,7 @@ class RepeatRecord:
     readings: int
     configurations: int
     screening: str
-    left_out: tuple[str, ...]
+    left_out: Names
     channels: tuple[Channel, ...]
     equation_sigma: Numbers
     robot_sigma: Numbers
@@ -256,7 +255,7 @@ class ValidationRecord:
     told."""
 
     screening: str
-    left_out: tuple[str, ...]
+    left_out: Names
     x_c: Validation
     x_c_sigma: Validation
 

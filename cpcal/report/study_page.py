@@ -11,7 +11,7 @@ import numpy as np
 from cpcal.common.errors import unusable
 from cpcal.common.files import StrPath
 from cpcal.common.numbers import about, bracket_text, nearest, stated
-from cpcal.common.values import Floats
+from cpcal.common.values import Floats, Names
 from cpcal.models import PARAMETERS
 from cpcal.questions import Budget, CalibrationRecord, Result
 from cpcal.questions.points import Fits
@@ -58,9 +58,7 @@ PAPER = "the paper"
 EXPANDED = "U (k = 2)"
 
 
-def scatter(
-    repeats: RepeatRecord, channels: list[Channel], shared: Sequence[float] | None = None
-) -> list[tuple[str, ...]]:
+def scatter(repeats: RepeatRecord, channels: list[Channel], shared: Sequence[float] | None = None) -> list[Names]:
     """Standard deviations, mm or degrees: what the repeats show, robot included; what is camera's and sensors' of it;
     what all images share."""
     found: list[tuple[str, Iterable[float]]] = [("this study", (c.sigma for c in channels))]
@@ -72,7 +70,7 @@ def scatter(
     return [(name, *(about(u * v) for u, v in zip(units, values, strict=True))) for name, values in found]
 
 
-def _row(name: str, values: Iterable[float], decimals: int = 4) -> tuple[str, ...]:
+def _row(name: str, values: Iterable[float], decimals: int = 4) -> Names:
     return (name, *(nearest(value, decimals) for value in values))
 
 
@@ -371,7 +369,7 @@ def _exact_sentence(result: Result) -> str:
 # What matters of a calibration in at most twelve lines, for a terminal: doubts first. The tables say the rest.
 
 
-def summary(record: CalibrationRecord) -> tuple[str, ...]:
+def summary(record: CalibrationRecord) -> Names:
     """Sentences; lengths in mm and angles in degrees."""
     budget = () if record.budget is None else (record.budget.sentence,)
     doubts = [sentence for bad, sentence in record.repeats.tests if bad]

@@ -23,6 +23,7 @@ from cpcal.common.values import (
     ArrayLike,
     Floats,
     Indices,
+    Names,
     Value,
     as_floats,
     fill,
@@ -154,8 +155,8 @@ class Campaign(Value):
     """
 
     robot: Robot
-    pose: tuple[str, ...]
-    run: tuple[str, ...]
+    pose: Names
+    run: Names
     position: Floats
     quaternion: Floats
     length: Floats
@@ -351,12 +352,12 @@ class PoseTable(Value):
     Raises InputError, with every problem found, when the values make no table.
     """
 
-    pose: tuple[str, ...]
-    run: tuple[str, ...]
+    pose: Names
+    run: Names
     position: Floats
     quaternion: Floats
     length: Floats
-    image: tuple[str, ...] | None = None
+    image: Names | None = None
     shared: Floats | None = None
 
     def __post_init__(self) -> None:

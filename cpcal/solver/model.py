@@ -23,7 +23,7 @@ from cpcal.common import numbers
 from cpcal.common.errors import ModelError
 from cpcal.common.files import StrPath, listed
 from cpcal.common.numbers import stated
-from cpcal.common.values import Floats
+from cpcal.common.values import Floats, Names
 from cpcal.solver import plugins
 from cpcal.solver.accounts import row_use
 from cpcal.solver.certificate.exact_network import ExactPolynomials, NotStated, network_statement
@@ -201,7 +201,7 @@ class SearchMethod(NamedTuple):
     It gives way to the others after so many `turns`, and does not begin before the round `begins`.
     """
 
-    contractors: tuple[str, ...]
+    contractors: Names
     strategy: str
     slice: int
     turns: int | None = None
@@ -253,7 +253,7 @@ def choice_to_solve(network: ConstraintNetwork, deadline: float = math.inf) -> C
     return Choice(tuple(methods), f"{unknowns} equations in as many unknowns, {kind}", more)
 
 
-def choice_to_minimize(network: ConstraintNetwork, deadline: float = math.inf) -> tuple[tuple[str, ...], str]:
+def choice_to_minimize(network: ConstraintNetwork, deadline: float = math.inf) -> tuple[Names, str]:
     """The contractors to minimise by, and why; `deadline` as in `choice_to_solve`."""
     if any(map(reads, network.constraints)):
         return ("lifted",), "readings: lifted takes them at the ends that decide"

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
-from cpcal.common.values import Bools, Floats, Shape, fill
+from cpcal.common.values import Bools, Floats, Names, Numbers, Shape, fill
 from cpcal.solver.interval.numbers import (
     HasBounds,
     Interval,
@@ -46,7 +46,7 @@ class Box(HasBounds):
 
     __slots__ = ("hi", "lo", "names")
 
-    names: tuple[str, ...]
+    names: Names
 
     def __init__(self, names: Sequence[str], lo: npt.ArrayLike, hi: npt.ArrayLike) -> None:
         """NaN in both bounds is an empty component. ModelError for lo > hi, bad or repeated names, bad shapes."""
@@ -63,7 +63,7 @@ class Box(HasBounds):
             raise ModelError(f"{names[i]}: [{lower[i]}, {upper[i]}] is no interval: give lo <= hi, one finite")
         self._set(names, lower, upper)
 
-    def _set(self, names: tuple[str, ...], lo: Floats, hi: Floats) -> None:
+    def _set(self, names: Names, lo: Floats, hi: Floats) -> None:
         # Adding zero copies, and turns -0.0 into 0.0: equal boxes have equal bits.
         lo, hi = lo + 0.0, hi + 0.0
         if not has_points(lo, hi).all():
@@ -74,13 +74,13 @@ class Box(HasBounds):
         fill(self, names=names, lo=lo, hi=hi)
 
     @classmethod
-    def _raw(cls, names: tuple[str, ...], lo: Floats, hi: Floats) -> Box:
+    def _raw(cls, names: Names, lo: Floats, hi: Floats) -> Box:
         box = object.__new__(cls)
         box._set(names, lo, hi)
         return box
 
     @classmethod
-    def rows(cls, names: tuple[str, ...], lo: Floats, hi: Floats) -> list[Box]:
+    def rows(cls, names: Names, lo: Floats, hi: Floats) -> list[Box]:
         """A box of each row of bounds (B, n), of the names of some box; NaN or lo > hi gives the empty box."""
         lo, hi = lo + 0.0, hi + 0.0
         empty = ~has_points(lo, hi).all(axis=1)
@@ -115,9 +115,9 @@ class Box(HasBounds):
 
     # In a file; an empty one has no bounds.
     JSON: ClassVar[Mapping[str, Any]] = {
-        "names": tuple[str, ...],
-        "lo": tuple[float, ...] | None,
-        "hi": tuple[float, ...] | None,
+        "names": Names,
+        "lo": Numbers | None,
+        "hi": Numbers | None,
     }
 
     def as_json(self) -> dict[str, Any]:
@@ -125,9 +125,7 @@ class Box(HasBounds):
         return {"names": self.names, "lo": lo, "hi": hi}
 
     @classmethod
-    def from_json(
-        cls, where: str, names: tuple[str, ...], lo: tuple[float, ...] | None, hi: tuple[float, ...] | None
-    ) -> Box:
+    def from_json(cls, where: str, names: Names, lo: Numbers | None, hi: Numbers | None) -> Box:
         """Raises ValueError, which says `where`, and ModelError."""
         if lo is None and hi is None:
             return cls.empty(names)
@@ -247,7 +245,7 @@ class Box(HasBounds):
     def __hash__(self) -> int:
         return hash(self._key())
 
-    def _key(self) -> tuple[tuple[str, ...], bytes, bytes]:
+    def _key(self) -> tuple[Names, bytes, bytes]:
         return self.names, self.lo.tobytes(), self.hi.tobytes()
 
     def __repr__(self) -> str:
@@ -268,7 +266,7 @@ class Box(HasBounds):
         return "\n".join(f"{name:<{longest}} in {self[name]}" for name in self.names)
 
 
-def component_names(variable: Variable) -> tuple[str, ...]:
+def component_names(variable: Variable) -> Names:
     """`x` for a scalar, `x[0]`, `x[1]` or `x[0,1]` for the components of an array."""
     if variable.shape == ():
         return (variable.name,)

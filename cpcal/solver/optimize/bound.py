@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common.values import Floats, Indices
+from cpcal.common.values import Floats, Indices, Names
 from cpcal.solver.accounts import ContractorUse, Found, RowUse, Uses, bracket_sentence, total_use
 from cpcal.solver.compiled import TimeUp, compiling_until
 from cpcal.solver.contract import Contraction, Contractor, Limits, Named, Row, Step, Strategy, Verdict, shrunk
@@ -197,7 +197,7 @@ class Tally(NamedTuple):
 class Saved(NamedTuple):
     """Everything that the rest of a minimisation depends on; `seconds` that it took until then."""
 
-    names: tuple[str, ...]
+    names: Names
     search: Standing
     known: Known
     tally: Tally
@@ -399,7 +399,7 @@ class Bracket:
 class Point:
     """A point (n,) whose components have names."""
 
-    names: tuple[str, ...]
+    names: Names
     values: Floats
 
     def __getitem__(self, name: str | Variable) -> float | Floats:
@@ -438,7 +438,7 @@ class Minimum:
     interrupted: bool = False
     contractors_used: Uses = ()
     found: Found | None = None
-    names: tuple[str, ...] = ()  # of the components of points
+    names: Names = ()  # of the components of points
     relax: float = 0.0  # by how much equations may be missed
     method: str = ""  # which contractors, and why these
     row_use: RowUse | None = None
