@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ import numpy as np
 from cpcal.solver.contract import Composable, Contraction, repeated
 from cpcal.solver.interval import Bools, Box, Floats, Indices, IntervalArray
 from cpcal.solver.interval.numbers import joined
-from cpcal.solver.linear import LinearSolution, Programs, lower_bound
+from cpcal.solver.linear import Dense, LinearSolution, Programs, lower_bound
 from cpcal.solver.network import CentredForm, ConstraintNetwork, one_sided_rows
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -45,7 +45,7 @@ class PolyhedralPrograms(Programs):
         self._scale = np.where(largest > 0.0, largest, 1.0)
         rows, right = inner / self._scale[:, None], (polyhedron.rhs - polyhedron.matrix @ box.mid) / self._scale
         finite = np.isfinite(rows).all(axis=1) & np.isfinite(right)  # a row that overflows proposes nothing
-        self.engine.load(np.where(finite[:, None], rows, 0.0), np.where(finite, right, 0.0), -np.ones(n), np.ones(n))
+        self.engine = Dense(np.where(finite[:, None], rows, 0.0), np.where(finite, right, 0.0), -np.ones(n), np.ones(n))
 
     @np.errstate(over="ignore")  # an infinite multiplier counts as none
     def lowest(self, objective: Floats, solution: LinearSolution, unit: float = 1.0) -> float:
@@ -109,15 +109,6 @@ class Linearised:
         return out
 
 
-# Which real matrix stands for the interval matrix of the rows on a box.
-Decomposition = Callable[[IntervalRows, Box], Floats]
-
-
-def krawczyk(rows: IntervalRows, box: Box) -> Floats:
-    """The midpoint (eq. 11)."""
-    return rows.matrix.mid
-
-
 def beaumont(rows: IntervalRows, box: Box) -> Floats:
     """The row that solves `(mid A) z - (rad A) |z| <= -v` (Oettli and Prager) with z = x - c in place of |z|'s chord.
 
@@ -131,12 +122,11 @@ def beaumont(rows: IntervalRows, box: Box) -> Floats:
     return rows.matrix.mid - rows.matrix.rad * alpha
 
 
-def inequalities(rows: IntervalRows, box: Box, decomposition: Decomposition) -> Polyhedron:
-    """`U x <= u` around the solutions of the rows in a box (eq. 12); rigorous for every real matrix U:
+def inequalities(rows: IntervalRows, box: Box, matrix: Floats) -> Polyhedron:
+    """`U x <= u` around the solutions of the rows in a box (eq. 12); rigorous for every real `matrix` U:
 
     U (x - c) <= -v + (U - A)(x - c),     hence     U x <= sup(U c) - inf v + sup((U - A)(X - c))
     """
-    matrix = decomposition(rows, box)
     u, c = IntervalArray.point(matrix), IntervalArray.point(rows.point)
     with np.errstate(all="ignore"):
         rest = ((u - rows.matrix) * (box.array - c)).sum(1)
@@ -174,25 +164,22 @@ class Krawczyk(Composable):
         return repeated(partial(self._once, deadline), box, ratio=self._ratio, most=self._most, pays=pays)
 
     def _once(self, deadline: float, box: Box) -> Contraction:
-        """One step of the interval Newton method, eq. 9."""
-        parts = [inequalities(rows, box, how) for rows, how in self._rows(box)]
-        polyhedron = _cutting(box, parts) if parts else None
-        if polyhedron is None or not polyhedron.origin.size:
+        """One step of the interval Newton method, eq. 9, by rows that a point of the box violates, up to rounding."""
+        parts = self._parts(box)
+        if not parts:
             return Contraction(box)
+        matrix, rhs, origin = map(np.concatenate, zip(*parts, strict=True))
+        with np.errstate(all="ignore"):
+            largest = np.maximum(matrix, 0.0) @ box.hi + np.minimum(matrix, 0.0) @ box.lo
+        keep = np.isfinite(matrix).all(axis=1) & np.isfinite(rhs) & np.isfinite(largest) & (largest > rhs)
+        if not keep.any():
+            return Contraction(box)
+        polyhedron = Polyhedron(matrix[keep], rhs[keep], origin[keep])
         return PolyhedralPrograms(self.name, polyhedron, box).tightened(self._objective, deadline)
 
-    def _rows(self, box: Box) -> list[tuple[IntervalRows, Decomposition]]:
-        """The interval-linear rows on a box, and how each block of them becomes real."""
-        return [(rows, krawczyk) for rows in self._system.at(box, [box.mid])]
-
-
-def _cutting(box: Box, parts: list[Polyhedron]) -> Polyhedron:
-    """All rows in one polyhedron, without those that, up to rounding, no point of the box violates."""
-    matrix, rhs = np.concatenate([p.matrix for p in parts]), np.concatenate([p.rhs for p in parts])
-    with np.errstate(all="ignore"):
-        largest = np.maximum(matrix, 0.0) @ box.hi + np.minimum(matrix, 0.0) @ box.lo
-    keep = np.isfinite(matrix).all(axis=1) & np.isfinite(rhs) & np.isfinite(largest) & (largest > rhs)
-    return Polyhedron(matrix[keep], rhs[keep], np.concatenate([p.origin for p in parts])[keep])
+    def _parts(self, box: Box) -> list[Polyhedron]:
+        """The interval-linear rows on a box, each block of them made real: here by its midpoint (eq. 11)."""
+        return [inequalities(rows, box, rows.matrix.mid) for rows in self._system.at(box, [box.mid])]
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -214,11 +201,12 @@ class Beaumont(Krawczyk):
 
     name = "beaumont"
 
-    def _rows(self, box: Box) -> list[tuple[IntervalRows, Decomposition]]:
+    def _parts(self, box: Box) -> list[Polyhedron]:
         corners = self._system.at(box, [box.lo, box.hi], affine=False)
         origin = self._system.at(box, [np.zeros(len(box))], affine=True)
-        more = []
+        parts = super()._parts(box)
         for rows in corners + origin:
             radius, size = rows.matrix.rad.max(axis=1, initial=0.0), rows.matrix.mag.max(axis=1, initial=0.0)
-            more.append((rows.only(radius > _THIN * size), beaumont))
-        return super()._rows(box) + more
+            thick = rows.only(radius > _THIN * size)
+            parts.append(inequalities(thick, box, beaumont(thick, box)))
+        return parts

@@ -20,7 +20,7 @@ from cpcal.common.values import fill
 from cpcal.solver.contract import Composable, Contraction, StepWeights
 from cpcal.solver.existence import reads
 from cpcal.solver.interval import Box, Floats, Indices, IntervalArray
-from cpcal.solver.linear import LinearSolution, LinearStatus, Programs
+from cpcal.solver.linear import Dense, LinearSolution, LinearStatus, Programs
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted
 from cpcal.solver.network.polynomial import PolynomialForms
@@ -182,7 +182,7 @@ class LiftedPrograms(Programs):
         super().__init__(box, columns, len(relaxation.columns))
         self.name, self.structure, self.relaxation = name, structure, relaxation
         r = relaxation
-        self.engine.load(r.matrix, r.rhs, r.bounds.lo, r.bounds.hi, len(r.products))
+        self.engine = Dense(r.matrix, r.rhs, r.bounds.lo, r.bounds.hi, len(r.products))
 
     def support_function(self, directions: Floats) -> Floats:
         """Proved upper bounds (m,) of `directions @ x`; infinite where a program fails."""
@@ -193,7 +193,7 @@ class LiftedPrograms(Programs):
             if solution.status is LinearStatus.INFEASIBLE and self.empty(solution) is not None:
                 return np.full(len(directions), -np.inf)
             if solution.status is LinearStatus.OPTIMAL:
-                lowest[k] = self.lowest(objective, solution)
+                lowest[k] = solution.lowest
         return asked.highest(lowest)
 
     # proofs ---------------------------------------------------------------------------------------------

@@ -30,8 +30,7 @@ def _programs() -> None:
 
     from cpcal.solver.linear import Dense
 
-    engine = Dense()
-    engine.load(np.array([[1.0, 1.0], [-1.0, 0.5]]), np.array([1.0, 0.5]), -np.ones(2), np.ones(2))
+    engine = Dense(np.array([[1.0, 1.0], [-1.0, 0.5]]), np.array([1.0, 0.5]), -np.ones(2), np.ones(2))
     engine.minimize(np.array([-1.0, -1.0]))
 
 

@@ -568,9 +568,7 @@ def _step(model: PixelModel, at: ReadFrames, reach: Floats, worst: float) -> tup
     low, high, cost = np.append(low, 0.0), np.append(high, 2.0), np.append(np.zeros(model.size), 1.0)
     matrix, rhs = matrix / size[:, None], rhs / size
     if model.size <= _MANY:
-        engine = Dense()
-        engine.load(matrix, rhs, low, high)
-        found: Any = engine.minimize(cost)
+        found: Any = Dense(matrix, rhs, low, high).minimize(cost)
         point, good = found.point, found.status is LinearStatus.OPTIMAL
     else:  # by HiGHS, which passes over zeros; a little outside of the bounds or rows does no harm here
         from scipy.optimize import linprog  # when it is needed

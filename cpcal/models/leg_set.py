@@ -32,7 +32,7 @@ from cpcal.robot import Campaign
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import exact_box, free, leg_sides
 from cpcal.solver.certificate.prover import WeightProver, write_steps
-from cpcal.solver.contract import Repeat, SupportFunction, elements, gives_weights, shrunk
+from cpcal.solver.contract import Repeat, SupportFunction, givers, shrunk
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, sqr
 from cpcal.solver.network.expression import as_expr
@@ -172,13 +172,13 @@ def enclosed_leg(asked: AskedSet, *, poses: Sequence[Commanded], certificate: Pa
         prover = WeightProver(statement._replace(sides=sides), _LOSS)
         own = np.r_[0:n, n + first : n + first + len(part.names) - n]
         loaded = [plugins.load(name)(part, objective=None) for name in asked.contractors]
-        givers = [giver for contractor in loaded for giver in elements(contractor) if gives_weights(giver)]
-        if not givers:
+        giving = [giver for contractor in loaded for giver in givers(contractor)]
+        if not giving:
             what = f"none of {', '.join(asked.contractors)} gives weights"
             raise unusable("contractors", what, "certify with the contractor lifted")
         for _ in range(most):
             before = box
-            for giver in givers:
+            for giver in giving:
                 proposed = giver.contract(Box(part.names, box.lo[own], box.hi[own]))
                 lo, hi = box.lo.copy(), box.hi.copy()
                 lo[own], hi[own] = proposed.box.lo, proposed.box.hi

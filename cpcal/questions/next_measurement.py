@@ -72,9 +72,8 @@ class Polytope:
         size, slack = np.abs(self.rows).max(axis=1), self.slack * _LOOSER
         matrix = self.rows / size[:, None]
         rhs = np.concatenate([(self.middle + slack) / size, (slack - self.middle) / size])
-        engine, objectives = Dense(), forms @ self.to_x
-        side = np.ones(matrix.shape[1])
-        engine.load(np.concatenate([matrix, -matrix]), rhs, -side, side)
+        side, objectives = np.ones(matrix.shape[1]), forms @ self.to_x
+        engine = Dense(np.concatenate([matrix, -matrix]), rhs, -side, side)
         ends = np.abs(objectives).sum(axis=1) * np.array([[-1.0], [1.0]])  # where a program fails
         for k, objective in enumerate(objectives):
             for which, sign in enumerate((1.0, -1.0)):

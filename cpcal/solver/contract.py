@@ -130,11 +130,6 @@ class ContractorFactory(Protocol):
     def __call__(self, network: ConstraintNetwork, *, objective: str | None) -> Contractor: ...
 
 
-def gives_weights(contractor: Contractor) -> bool:
-    """As declared."""
-    return bool(getattr(contractor, "gives_weights", False))
-
-
 def contracted(contractor: Contractor, box: Box, deadline: float = math.inf) -> Contraction:
     """What a contractor makes of a box. Raises PluginError where that is no `Contraction` of this box."""
     found = contractor.contract(box, deadline)
@@ -227,6 +222,11 @@ def elements(contractor: Contractor) -> tuple[Contractor, ...]:
     if not isinstance(contractor, Then):
         return (contractor,)
     return tuple(e for part in contractor.parts for e in elements(part))
+
+
+def givers(contractor: Contractor) -> list[Contractor]:
+    """The elements that declare to give weights."""
+    return [element for element in elements(contractor) if getattr(element, "gives_weights", False)]
 
 
 def followed(one: Contraction, two: Contraction) -> Contraction:

@@ -681,8 +681,8 @@ def _solved(
 class Dense:
     """One polyhedron, many objectives, each minimised from where the one before ended."""
 
-    def load(self, matrix: Floats, rhs: Floats, lower: Floats, upper: Floats, always: int = 0) -> None:
-        """Forget what was before and take `matrix z <= rhs`, `lower <= z <= upper` (finite bounds).
+    def __init__(self, matrix: Floats, rhs: Floats, lower: Floats, upper: Floats, always: int = 0) -> None:
+        """Of `matrix z <= rhs`, `lower <= z <= upper` (finite bounds).
 
         Of many rows those enter that a vertex violates; the first `always` are likely to matter.
         """
@@ -767,8 +767,8 @@ class Dense:
                 weights = -np.asarray(found.ineqlin.marginals)
                 carrying = np.flatnonzero(weights > 0.0)
                 aim = objective if status is LinearStatus.OPTIMAL else np.zeros(n)
-                multipliers, (lower, upper) = weights[carrying], bounds.T
-                lowest = lower_bound(rows, self._rhs, carrying, multipliers, aim, IntervalArray(lower, upper))
+                multipliers, columns = weights[carrying], IntervalArray(*bounds.T)
+                lowest = lower_bound(rows, self._rhs, carrying, multipliers, aim, columns)
                 return LinearSolution(status, np.asarray(found.x[:n]), carrying, multipliers, lowest)
         return LinearSolution(LinearStatus.FAILED, np.zeros(n), np.zeros(0, np.intp), np.zeros(0))
 
@@ -780,15 +780,15 @@ class Dense:
 class Programs(ABC):
     """The linear programs of one polyhedron around the solutions in a bounded box: many objectives, of some columns.
 
-    `columns` says which column is the coordinate u = (x - mid) / rad of a variable; there are `size`. The `engine` is
-    to be loaded. A class that derives from it says what multipliers prove.
+    `columns` says which column is the coordinate u = (x - mid) / rad of a variable; there are `size`. A class
+    that derives from it makes the `engine` and says what multipliers prove.
     """
 
     name = ""  # of the contractor
+    engine: Dense
 
     def __init__(self, box: Box, columns: Mapping[int, int], size: int) -> None:
         self.box, self.columns, self.size = box, columns, size
-        self.engine = Dense()
 
     @abstractmethod
     def lowest(self, objective: Floats, solution: LinearSolution) -> float:

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from copy import copy
 from dataclasses import replace
 from fractions import Fraction
@@ -298,7 +298,10 @@ def consequences(network: ConstraintNetwork) -> tuple[Constraint, ...]:
     size = len(network.names)
     if size > _UNKNOWNS or not 2 <= Equalities.of(network).count <= _EQUATIONS:
         return ()
-    given = _polynomials(network)
+    exact, given = ExactPolynomials(network), list[Terms]()
+    for root in Equalities.of(network).roots:
+        with suppress(NotStated):
+            given += [p.terms for p in exact.of(root).ravel() if any(p.terms)]
     if len(given) < 2:
         return ()
     longest, highest = max(map(len, given)), max(len(m) for m in chain.from_iterable(given))
@@ -311,17 +314,6 @@ def consequences(network: ConstraintNetwork) -> tuple[Constraint, ...]:
     short = [p for p in basis if 2 <= len(p) <= longest and p.total_degree() <= highest]
     unknowns = [leaf[index] for leaf in network.variables for index in np.ndindex(leaf.shape)]
     return tuple(_expression(p, unknowns) == 0.0 for p in short if str(p.primitive()[1]) not in known)
-
-
-def _polynomials(network: ConstraintNetwork) -> list[Terms]:
-    """Of all equations that have an exact form: monomials with their coefficients."""
-    exact, out = ExactPolynomials(network), []
-    for root in Equalities.of(network).roots:
-        try:
-            out += [p.terms for p in exact.of(root).ravel() if any(p.terms)]
-        except NotStated:
-            continue
-    return out
 
 
 def _whole(terms: Terms, context: Any, size: int) -> Any:

@@ -6,7 +6,7 @@ import pytest
 
 from contractors import HC4, Lifted
 from cpcal.solver import plugins
-from cpcal.solver.contract import Contraction, Repeat, Then, Union, elements, gives_weights
+from cpcal.solver.contract import Contraction, Repeat, Then, Union, elements, givers
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 
@@ -52,7 +52,7 @@ def test_the_core_composes_contractors_that_know_nothing_of_composition(network:
     assert Union(Foreign(), Foreign()).contract(network.domain).box["x"].hi == 1.0
     lifted, hc4 = Lifted(network), HC4(network)
     assert elements(Then(hc4, Repeat(Then(lifted, hc4)))) == (hc4, lifted, hc4)
-    assert [gives_weights(c) for c in (lifted, hc4, Foreign(), lifted >> hc4)] == [True, False, False, False]
+    assert [givers(c) for c in (lifted, hc4, Foreign(), lifted >> hc4)] == [[lifted], [], [], [lifted]]
 
 
 def test_repeat_stops_on_empty_and_refuses_a_senseless_ratio(network: ConstraintNetwork) -> None:

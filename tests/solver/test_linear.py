@@ -137,8 +137,7 @@ class Highs(Dense):
 def contradictions(seed: int, solver: type[Dense] = Dense) -> tuple[list[str], int]:
     """What an engine proves of a program that is not true (nothing, or there is a mistake), and how often it failed."""
     case = program(seed)
-    engine = solver()
-    engine.load(case.matrix, case.rhs, case.lower, case.upper)
+    engine = solver(case.matrix, case.rhs, case.lower, case.upper)
     columns, nothing = IntervalArray(case.lower, case.upper), np.zeros(len(case.lower))
     wrong, failed = [], 0
     for objective, exact in zip(case.objectives, optima(seed), strict=True):
@@ -183,8 +182,7 @@ def test_the_kernel_ends_in_its_bounded_number_of_pivots_without_help(monkeypatc
     for seed in range(COUNT):
         case = program(seed)
         if case.kind != "badly scaled":
-            engine = Dense()
-            engine.load(case.matrix, case.rhs, case.lower, case.upper)
+            engine = Dense(case.matrix, case.rhs, case.lower, case.upper)
             for objective in case.objectives:
                 engine.minimize(objective)
 
@@ -215,9 +213,7 @@ class Program:
         return float(found.fun) if found.status == 0 else None
 
     def engine(self, solver: type[Dense] = Dense) -> Dense:
-        engine = solver()
-        engine.load(self.matrix, self.rhs, self.lower, self.upper)
-        return engine
+        return solver(self.matrix, self.rhs, self.lower, self.upper)
 
     def weights(self, solution: LinearSolution) -> Floats:
         """One multiplier for every row."""

@@ -360,8 +360,7 @@ class _Programs:
         self._bounds = bounds
         lower = -np.ones(self.width)
         lower[size:][system.square[chosen]] = 0.0
-        self.engine = Dense()
-        self.engine.load(
+        self.engine = Dense(
             np.concatenate([above, matrix[kept] / self._scale[:, None]]),
             np.concatenate([np.ones(len(bounds)), rhs[kept] / self._scale]),
             lower,

@@ -99,7 +99,7 @@ class CentredForm:
         self._tape = Tape(network, [expr])
         self.count = self._tape.count
         self._centers = {leaf.digest: IntervalArray.point(leaf.data.mid) for leaf in self._tape.readings}
-        self.affine = _degree(expr) <= 1
+        self.affine = folded(expr, _degree) <= 1
 
     def at(self, point: Floats) -> IntervalArray:
         """Enclosure (K,) of f(c, M) at a point c (n,): its natural form and f(c, m) + B (M - m)."""
@@ -132,15 +132,11 @@ _DEGREES: dict[str, Callable[[Expr, list[float]], float]] = {
 }
 
 
-def _degree(expr: Expr) -> float:
-    """Degree as a polynomial in the variables alone; infinite for what is none."""
-
-    def degree(node: Expr, below: list[float]) -> float:
-        if not any(below):
-            return float(node.op == "variable")
-        return _DEGREES[node.op](node, below) if node.op in _DEGREES else np.inf
-
-    return folded(expr, degree)
+def _degree(node: Expr, below: list[float]) -> float:
+    """Degree as a polynomial in the variables alone, from those of the arguments; infinite for what is none."""
+    if not any(below):
+        return float(node.op == "variable")
+    return _DEGREES[node.op](node, below) if node.op in _DEGREES else np.inf
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -206,7 +202,11 @@ class _Ratio:
         if node.op == "neg":
             return -args[0][0], args[0][1]
         if node.op in ("add", "sub"):
-            return self._added(node.op, *args)
+            (top, below), (other, beside) = args
+            common = below | beside  # the larger count of each
+            left = reduce(operator.mul, (common - below).elements(), top)
+            right = reduce(operator.mul, (common - beside).elements(), other)
+            return (left + right if node.op == "add" else left - right), common
         if node.op == "mul":
             return args[0][0] * args[1][0], args[0][1] + args[1][1]
         if node.op == "div":
@@ -219,12 +219,6 @@ class _Ratio:
             factors = self._factors(args[0][0])
             return as_expr(np.ones(node.shape)), Counter({k: -node.parameter * n for k, n in factors.items()})
         return node, Counter()
-
-    def _added(self, op: str, one: Ratio, two: Ratio) -> Ratio:
-        common = one[1] | two[1]  # the larger count of each
-        left = reduce(operator.mul, (common - one[1]).elements(), one[0])
-        right = reduce(operator.mul, (common - two[1]).elements(), two[0])
-        return (left + right if op == "add" else left - right), common
 
     def _factors(self, divisor: Expr) -> Divisors:
         if divisor.op == "mul":

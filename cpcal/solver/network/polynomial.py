@@ -101,7 +101,7 @@ class Expander:
         self._whole = self._allotted({})
         self._done: dict[bytes, PolynomialArray | NotPolynomial] = {}
         self._keep: dict[bytes, Bools] = {}  # of a node's monomials, those that do not vanish for all readings
-        self._orders: dict[bytes, list[Expr]] = {}
+        self._orders: dict[bytes, list[Expr]] = {}  # of nodes under a root that depend on readings, arguments first
 
     def expand(self, root: Expr) -> PolynomialArray:
         """The polynomial form of `root`. Raises NotPolynomial."""
@@ -125,17 +125,13 @@ class Expander:
         """
         readings, known = self._allotted(sets), dict[bytes, PolynomialArray]()
         for root in roots:
-            for node in self._reading_nodes(root):
+            if root.digest not in self._orders:
+                self._orders[root.digest] = [node for node in topological((root,)) if "reading" in node.ops]
+            for node in self._orders[root.digest]:
                 if node.digest not in known:
                     args = [known.get(arg.digest) or self._found(arg) for arg in node.args]
                     known[node.digest] = self._node(node, args, readings)
         return [known.get(root.digest) or self._found(root) for root in roots]
-
-    def _reading_nodes(self, root: Expr) -> list[Expr]:
-        """The nodes under a root that depend on readings, arguments first."""
-        if root.digest not in self._orders:
-            self._orders[root.digest] = [node for node in topological((root,)) if "reading" in node.ops]
-        return self._orders[root.digest]
 
     def _found(self, node: Expr) -> PolynomialArray:
         found = self._done[node.digest]

@@ -74,8 +74,7 @@ class _Problem:
         matrix = state.rows.jacobian * reach
         largest = np.maximum(np.abs(matrix).max(axis=1, initial=0.0), 1e-300)
         slack = -state.rows.values
-        engine = Dense()
-        engine.load(
+        engine = Dense(
             matrix / largest[:, None], np.maximum(slack, 0.0) / largest, np.minimum(lower, 0.0), np.maximum(upper, 0.0)
         )
         solution = engine.minimize(1.0 * ~self.free)

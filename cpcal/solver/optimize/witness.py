@@ -65,7 +65,10 @@ class Equations:
 
     def solved(self, point: Floats) -> Box | None:
         """A tiny box around the point (n,) in which the equations have a solution; the others are single numbers."""
-        point, free = self._at_ends(point)
+        lo, hi = self._domain.lo, self._domain.hi
+        near = _NEAR * np.maximum(np.abs(point), 1.0)
+        low, high = point - lo <= near, hi - point <= near  # components next to an end of their domain are put there
+        point, free = np.where(low, lo, np.where(high, hi, point)), ~(low | high)
         rows = self._open(point, free)
         if not rows.size:
             return Box(self._domain.names, point, point)
@@ -74,13 +77,6 @@ class Equations:
             return None
         found = self._prover(rows).among(point, unknowns).prove(Box(self._domain.names, point, point))
         return None if found is None else found.box
-
-    def _at_ends(self, point: Floats) -> tuple[Floats, Bools]:
-        """The point with components that are next to an end of their domain put there; which ones are not."""
-        lo, hi = self._domain.lo, self._domain.hi
-        near = _NEAR * np.maximum(np.abs(point), 1.0)
-        low, high = point - lo <= near, hi - point <= near
-        return np.where(low, lo, np.where(high, hi, point)), ~(low | high)
 
     def _open(self, point: Floats, free: Bools) -> Indices:
         """The equations that do not hold already, whatever the components are that are at no end: 0 times them, say."""

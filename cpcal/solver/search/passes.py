@@ -28,9 +28,8 @@ from cpcal.solver.contract import (
     TakesBatches,
     Then,
     contracted,
-    elements,
     followed,
-    gives_weights,
+    givers,
     shrunk,
 )
 from cpcal.solver.execution.executors import Place, Shared
@@ -80,7 +79,7 @@ class Contracting:
     @property
     def gives_weights(self) -> bool:
         """Whether a certificate can come of it."""
-        return any(gives_weights(giver) for _, contractor in self.named for giver in elements(contractor))
+        return any(givers(contractor) for _, contractor in self.named)
 
     def contract(self, box: Box, found: Box) -> Pass:
         """One pass over a node's box and the part of it that was found."""
@@ -95,8 +94,8 @@ class Contracting:
                 uses.append(ContractorUse(name, calls, steps))
                 continue
             before, as_one = total.box, found == total.box
-            givers = [giver for giver in elements(contractor) if gives_weights(giver)]
-            for giver in givers if not before.is_empty else []:
+            giving = givers(contractor)
+            for giver in giving if not before.is_empty else []:
                 proposed = contracted(giver, total.box, self.deadline)
                 proved = self._prover(total.box, proposed)
                 total = followed(total, replace(proposed, box=proved.box, steps=proved.steps))
@@ -105,7 +104,7 @@ class Contracting:
                 found = found.intersect(proved.box if proved.complete else proposed.box)
                 if total.box.is_empty:
                     break
-            done = givers == [contractor] and (as_one or found == total.box)  # of both boxes at once, or caught up
+            done = giving == [contractor] and (as_one or found == total.box)  # of both boxes at once, or caught up
             if not (found.is_empty or done):
                 further = contracted(contractor, found, self.deadline)
                 found, calls, steps = further.box, calls + 1, steps + len(further.steps)

@@ -92,7 +92,10 @@ def conclusion(search: Search, prover: UniquenessProver, clock: Clock, nodes: in
     solutions = tuple(Solution(verdict, box, int(k)) for (verdict, box), k in zip(boxes, labels, strict=True))
     status = _sentence(len(proved), len(open_boxes), len(pending), len(search.inside))
     if outside and prover.applies:
-        search.outside += _without(kept, proved + open_boxes)
+        pieces = kept
+        for part in proved + open_boxes:
+            pieces = [rest for piece in pieces for rest in difference(piece, piece.intersect(part))]
+        search.outside += pieces
     return Paving(not pending, status, solutions, nodes, tuple(search.inside), tuple(search.outside))
 
 
@@ -134,14 +137,6 @@ def _try(prover: UniquenessProver, clock: Clock, box: Box, found: list[Unique]) 
 def _covered(box: Box, found: Sequence[Unique]) -> bool:
     """Whether a box can hold no solutions but those found."""
     return any(box.subset(proof.region) for proof in found)
-
-
-def _without(boxes: Sequence[Box], parts: Sequence[Box]) -> list[Box]:
-    """What is left of some boxes without others."""
-    pieces = list(boxes)
-    for part in parts:
-        pieces = [rest for piece in pieces for rest in difference(piece, piece.intersect(part))]
-    return pieces
 
 
 def _sentence(proved: int, unknown: int, pending: int, inside: int) -> str:
