@@ -135,22 +135,21 @@ def inequalities(rows: IntervalRows, box: Box, matrix: Floats) -> Polyhedron:
     return Polyhedron(matrix, rhs.hi, rows.origin)
 
 
+_RATIO = 0.9  # of the sum of the widths, each in units of what it was at first: a round that leaves no less is the last
+_ROUNDS = 20
+
+
 class Krawczyk(Composable):
     """Centred form on the box, the polyhedron of eq. 12, a linear program per bound; again while it pays.
 
-    The loop ends when the sum of the widths,
-    each measured in units of what it was at first, shrinks to no less than `ratio` of what it was, or after `most`
-    rounds. Boxes that are not bounded come back as they are.
+    Boxes that are not bounded come back as they are.
     """
 
     name = "krawczyk"
 
-    def __init__(
-        self, network: ConstraintNetwork, *, objective: str | None = None, ratio: float = 0.9, most: int = 20
-    ) -> None:
+    def __init__(self, network: ConstraintNetwork, *, objective: str | None = None) -> None:
         self._system = Linearised(network)
         self._objective = None if objective is None else network.names.index(objective)
-        self._ratio, self._most = ratio, most
 
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         if box.is_empty or not box.is_bounded:
@@ -161,7 +160,7 @@ class Krawczyk(Composable):
             with np.errstate(all="ignore"):  # widths beyond float64 tell nothing
                 return bool(np.sum(after / unit) < ratio * np.sum(before / unit))
 
-        return repeated(partial(self._once, deadline), box, ratio=self._ratio, most=self._most, pays=pays)
+        return repeated(partial(self._once, deadline), box, ratio=_RATIO, most=_ROUNDS, pays=pays)
 
     def _once(self, deadline: float, box: Box) -> Contraction:
         """One step of the interval Newton method, eq. 9, by rows that a point of the box violates, up to rounding."""

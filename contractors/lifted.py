@@ -198,9 +198,6 @@ class LiftedPrograms(Programs):
 
     # proofs ---------------------------------------------------------------------------------------------
 
-    def lowest(self, objective: Floats, solution: LinearSolution) -> float:
-        return solution.lowest  # of the objective that it was asked for: the program's numbers are exact
-
     def reached(self, variable: int, side: str, solution: LinearSolution) -> float:
         sign = 1.0 if side == "lo" else -1.0
         if not -1.0 < solution.lowest < np.inf:
@@ -282,7 +279,7 @@ class Lifted(Composable):
         programs = self._programs(box, deadline)
         return Contraction(box) if programs is None else programs.tightened(self._objective, deadline)
 
-    def support_function(self, box: Box, directions: Floats, deadline: float = math.inf) -> Floats:
+    def support_function(self, box: Box, directions: Floats) -> Floats:
         """Proved upper bounds (m,) of `directions @ x` over the solutions x in `box`, for `directions` (m, n).
 
         -inf for all when the box is proved to hold no solution.
@@ -292,7 +289,7 @@ class Lifted(Composable):
         widest = over_box(box, directions)
         if not box.is_bounded:
             return widest
-        programs = self._programs(box, deadline)
+        programs = self._programs(box, math.inf)
         return widest if programs is None else np.minimum(widest, programs.support_function(directions))
 
     def _programs(self, box: Box, deadline: float) -> LiftedPrograms | None:

@@ -437,24 +437,17 @@ class Relaxation:
         self.center, self.radius = box.mid, box.rad
         with np.errstate(all="ignore"):
             rows, widening = structure.rows.on(self.center, self.radius)
-            widening = self._guarded(structure, widening)
+            if structure.guards is not None:  # with the square of what a guard may fall short by: see `Row`
+                guards, error = structure.guards.on(self.center, self.radius)
+                lowest = np.nextafter(guards[0] - _up(np.abs(guards[1:]).sum(axis=0) + error, len(guards)), -np.inf)
+                lowest = np.where(np.isfinite(lowest), lowest, -np.inf)  # what overflowed on its way may be anything
+                widening[structure.system.guarded] += _up(np.minimum(lowest, 0.0) ** 2, 1)
             rhs = widening - rows[0] + 4.0 * _UNIT * (np.abs(widening) + np.abs(rows[0]))
         products, bounds = structure.products, structure.bounds
         given = rows[1:], rhs, products.matrix, products.rhs, structure.dividing, structure.linear
         found = programmed(*given, (bounds.lo, bounds.hi), whole)
         self.columns, self.products, self.kept, self.exponents, matrix, self.rhs = found
         self.matrix, self.bounds = matrix.T, bounds[self.columns]
-
-    def _guarded(self, structure: Structure, widening: Floats) -> Floats:
-        """With the square of what a guard may fall short by: see `Row`."""
-        if structure.guards is None:
-            return widening
-        rows, error = structure.guards.on(self.center, self.radius)
-        lowest = np.asarray(np.nextafter((rows[0] - _up(np.abs(rows[1:]).sum(axis=0) + error, len(rows))), -np.inf))
-        lowest = np.where(np.isfinite(lowest), lowest, -np.inf)  # a sum that overflowed on its way may be anything
-        out = widening.copy()
-        out[structure.system.guarded] += _up(np.minimum(lowest, 0.0) ** 2, 1)
-        return out
 
     def value(self, variable: int, u: float) -> tuple[float, float]:
         """Enclosure of `c + r u` for one variable: four roundings, each of at most a unit of these sizes."""

@@ -310,31 +310,25 @@ def _names_alone(library: Any) -> Any:
 
 @contextmanager
 def _turn(lock: Path, name: str) -> Iterator[None]:
-    """While in the block no other process compiles what is under this lock."""
-    descriptor = None
+    """While in the block no other process compiles what is under this lock; it is waited for, but not for too long."""
+    descriptor, began, told = None, time.monotonic(), False
     with suppress(OSError):  # where nothing can be locked every process compiles
         descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o644)
-        _wait(descriptor, name)
+        while time.monotonic() < min(began + LONGEST, _deadline.get()):
+            try:
+                exclusive(descriptor)
+            except BlockingIOError:
+                if not told and time.monotonic() > began + 0.5:
+                    _tell(f"cpcal: waiting for another process that compiles '{name}'")
+                    told = True
+                time.sleep(_PAUSE)
+            else:
+                break
     try:
         yield
     finally:
         if descriptor is not None:
             os.close(descriptor)
-
-
-def _wait(descriptor: int, name: str) -> None:
-    """Until the file is this process's, or for too long."""
-    began, told = time.monotonic(), False
-    while time.monotonic() < min(began + LONGEST, _deadline.get()):
-        try:
-            exclusive(descriptor)
-        except BlockingIOError:
-            if not told and time.monotonic() > began + 0.5:
-                _tell(f"cpcal: waiting for another process that compiles '{name}'")
-                told = True
-            time.sleep(_PAUSE)
-        else:
-            return
 
 
 def _stamp(function: Function) -> str:

@@ -26,7 +26,7 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
 from queue import Empty, SimpleQueue
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, TypeVar
 
 from cpcal.common.errors import CpcalError, unusable
 from cpcal.solver.execution import stopping
@@ -450,11 +450,11 @@ class Shared(Generic[V]):
         content = None
         while len(found) < len(parts):
             left = [k for k in range(len(parts)) if k not in found]
-            tasks = [_Part(work, self._digest, content, parts[k], more, k) for k in left]
-            for part, future in outcomes(executor, most, _done, tasks):
+            tasks = [(k, work, self._digest, content, parts[k], more) for k in left]
+            for (k, *_), future in outcomes(executor, most, _done, tasks):
                 answer = future.result()
                 if answer is not None:
-                    found[part.place] = answer
+                    found[k] = answer
             reason = asked()
             if reason is not None and len(found) < len(parts):
                 raise Stopped(reason)
@@ -462,25 +462,17 @@ class Shared(Generic[V]):
         return [one for k in range(len(parts)) for one in found[k]]
 
 
-class _Part(NamedTuple):
-    work: Callable[..., Sequence[Any]]
-    digest: str
-    content: bytes | None
-    items: Sequence[Any]
-    more: tuple[Any, ...]
-    place: int
-
-
-def _done(part: _Part) -> Sequence[Any] | None:
+def _done(task: tuple[Any, ...]) -> Any:
     """None says that this worker has never seen the value: an error would be in a cluster's log."""
-    if part.digest not in _here:
-        if part.content is None:
+    _, work, digest, content, items, more = task
+    if digest not in _here:
+        if content is None:
             return None
         while len(_here) >= _KEPT:
             del _here[next(iter(_here))]
-        _here[part.digest] = pickle.loads(part.content)
+        _here[digest] = pickle.loads(content)
     with linear_algebra_on_one_thread():
-        return part.work(_here[part.digest], part.items, *part.more)
+        return work(_here[digest], items, *more)
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -216,18 +216,15 @@ class _Writer:
         if node.op == "mul" and node.parameter == SELECTS:
             return np.where(node.args[1].data.lo == 1.0, *(np.broadcast_to(arg, node.shape) for arg in args))
         if node.op == "sum":
-            return self._total(np.moveaxis(args[0], node.parameter, 0))
+            terms = np.moveaxis(args[0], node.parameter, 0)
+            while len(terms) > 1:  # as a tree: rounding errors grow with its depth
+                half = len(terms) // 2
+                paired = self._emitted(ADD, [terms[:half], terms[half : 2 * half]])
+                terms = np.concatenate([paired, terms[2 * half :]])
+            return np.asarray(terms[0])
         if node.shape:
             args = [np.broadcast_to(arg, node.shape) for arg in args]
         return self._emitted(CODES[node.op], args, node.parameter)
-
-    def _total(self, terms: Places) -> Places:
-        """Sums along axis 0, as a tree: rounding errors grow with its depth."""
-        while len(terms) > 1:
-            half = len(terms) // 2
-            paired = self._emitted(ADD, [terms[:half], terms[half : 2 * half]])
-            terms = np.concatenate([paired, terms[2 * half :]])
-        return np.asarray(terms[0])
 
     def _emitted(self, code: int, args: list[Places], parameter: int = 0) -> Places:
         """The slots of one operation on all elements. Many networks have thousands of single ones: no arrays then."""

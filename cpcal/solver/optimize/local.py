@@ -188,7 +188,8 @@ class LocalSearch:
 
     def proposals(self, start: Floats) -> Iterator[Floats]:
         """Points to prove, the best first: each with a larger margin than the one before."""
-        scale = self._scale(start)
+        width, usual = self._domain.width, np.maximum(np.abs(start), 1.0)
+        scale = np.where(np.isfinite(width) & (width < _WIDE) & (width > 0.0), width, usual)
         point = self._slsqp(start, scale)
         if point is None:
             return
@@ -216,11 +217,6 @@ class LocalSearch:
             if float(np.max(np.abs(step), initial=0.0)) < 1e-13:
                 break
         return point
-
-    def _scale(self, start: Floats) -> Floats:
-        width = self._domain.width
-        usual = np.maximum(np.abs(start), 1.0)
-        return np.where(np.isfinite(width) & (width < _WIDE) & (width > 0.0), width, usual)
 
     def _slsqp(self, start: Floats, scale: Floats) -> Floats | None:
         """A local minimum in scaled components, or wherever it stops."""

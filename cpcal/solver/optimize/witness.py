@@ -75,7 +75,12 @@ class Equations:
         unknowns = self._unknowns(point, rows, free)
         if unknowns is None:
             return None
-        found = self._prover(rows).among(point, unknowns).prove(Box(self._domain.names, point, point))
+        key = tuple(rows.tolist())
+        if key not in self._provers:
+            alone = self._network.without_constraints()
+            alone.add([self._flat[k] == 0.0 for k in key])
+            self._provers[key] = UniquenessProver(alone)
+        found = self._provers[key].among(point, unknowns).prove(Box(self._domain.names, point, point))
         return None if found is None else found.box
 
     def _open(self, point: Floats, free: Bools) -> Indices:
@@ -88,14 +93,6 @@ class Equations:
             if not tape.continuous(slots):
                 return np.arange(self.count)
         return np.flatnonzero((values.lo[0] != 0.0) | (values.hi[0] != 0.0))
-
-    def _prover(self, rows: Indices) -> UniquenessProver:
-        key = tuple(rows.tolist())
-        if key not in self._provers:
-            alone = self._network.without_constraints()
-            alone.add([self._flat[k] == 0.0 for k in key])
-            self._provers[key] = UniquenessProver(alone)
-        return self._provers[key]
 
     def _unknowns(self, point: Floats, rows: Indices, free: Bools) -> Indices | None:
         jacobian = self.rows.linearize(point).jacobian[rows]
@@ -159,11 +156,9 @@ class WitnessProver:
         found = self._raised(self._plain, IntervalArray.point(candidate), candidate)
         if found is not None or not self.equations.count:
             return found
-        solved = self.equations.solved(candidate)
-        return None if solved is None else self._on(solved)
-
-    def _on(self, solved: Box) -> Witness | None:
-        """A proof on a box that is known to hold a solution of the equations."""
+        solved = self.equations.solved(candidate)  # a box that is known to hold a solution of the equations
+        if solved is None:
+            return None
         middle = solved.mid
         if self.objective in self.equations.enter:  # then they say what the objective is
             if not self._excess(self._rest, solved.array, middle)[0] <= 0.0:
