@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from cpcal.checker.files import STUDY_NAME
-from cpcal.cli.certify import show as show_sections
+from cpcal.cli.certify import show
 from cpcal.cli.verbs import FIRST_ROW, FORCE, Status, Talk, answer, argument, check_new, numbers_of, option, output
 from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import listed
@@ -202,7 +202,7 @@ def certify(
     refuse(
         ((count is None) != (poses is None), "options", together, "give both, or none"),
         (
-            bool(count is not None and (known or poses_off)),
+            count is not None and (known or poses_off),
             "--known and --off",
             "have no meaning with --next",
             "leave them out",
@@ -230,22 +230,21 @@ def certify(
             tell=talk.progress(),
         )
 
-    def show(found: HandEyeResult) -> None:
+    def told(found: HandEyeResult) -> None:
         talk.say(searched(found))
         title = "Answer" if poses_off is None else question(found)
-        show_sections(talk, answered(found)._replace(title=title), *known_frames(found))
+        show(talk, answered(found)._replace(title=title), *known_frames(found))
 
     parts = [(run, study)]
     if poses_off is not None:
         check_replaceable(run, HANDEYE)
         if (run / HANDEYE.head).exists():
             raise unusable(run, "holds the run of one question", "name another folder for --off")
-        parts = list(
-            zip([run / name for name in BOTH], [study.exactly(), with_half_widths(study, poses_off)], strict=True)
-        )
+        exact, uncertain = BOTH
+        parts = [(run / exact, study.exactly()), (run / uncertain, with_half_widths(study, poses_off))]
     good = True
     for place, part in parts:
-        found = answer(place, HANDEYE, partial(find, part), save_hand_eye_result, write_hand_eye, show, talk)
+        found = answer(place, HANDEYE, partial(find, part), save_hand_eye_result, write_hand_eye, told, talk)
         good &= bool(found.eps_lo > 0.0 if wrong else found.complete if found.tolerance is None else found.passes)
     if poses_off is not None:
         talk.say(f"Both: {write_both(run, run / HAND_EYE_PAGE)}")

@@ -27,8 +27,9 @@ from cpcal.robot.campaign import SIMULATION, titled
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
 from cpcal.solver.execution.stopping import heard
-from cpcal.vision.batch.detect import NUMBERS as POSE_NUMBERS
 from cpcal.vision.batch.detect import (
+    FALSE,
+    MISSING,
     RMS,
     SCALE,
     SHARED,
@@ -298,12 +299,11 @@ def numbers(rows: Sequence[Detection]) -> Iterator[Section]:
     values = values_of(rows)
     if not len(values):
         return
-    missing, false = (values[:, POSE_NUMBERS.index(name)] for name in ("missing", "false"))
     dots = np.array([row.dots for row in rows if row.found])
     lines = [
         ("dots that the pose rests on", dots, 0),
-        ("dots of the target that are missing", missing, 0),
-        ("found dots that are none of the target's", false, 0),
+        ("dots of the target that are missing", values[:, MISSING], 0),
+        ("found dots that are none of the target's", values[:, FALSE], 0),
         ("residuals, RMS per axis [px]", values[:, RMS], 4),
         ("scale: mean square of residuals over the stated one", values[:, SCALE], 2),
     ]

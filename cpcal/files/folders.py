@@ -369,7 +369,7 @@ def load_settings(path: StrPath) -> Settings:
 # docs/certificate-format.md has the format. A number is the float64 nearest to its decimal text, here as in
 # campaign.toml and measurements.csv, so that reading the file gives the campaign back bit by bit.
 
-NAME = "campaign.json"
+CAMPAIGN_NAME = "campaign.json"
 JSON_FORMAT = "cpcal-campaign-exact/1"
 _LARGEST = 32 << 20  # bytes: the checker reads no more
 _REMEDY = "certify the campaign again"
@@ -406,9 +406,9 @@ def campaign_sha256(campaign: Campaign) -> str:
 
 def save_campaign_json(campaign: Campaign, folder: StrPath) -> Path:
     """Write it into a folder, all or nothing; its path. Raises InputError, also where the checker could not read it."""
-    content, path = campaign_json(campaign), Path(folder) / NAME
+    content, path = campaign_json(campaign), Path(folder) / CAMPAIGN_NAME
     if len(content) > _LARGEST:
-        what = f"takes {len(content):,} bytes as {NAME}, more than {_LARGEST:,}"
+        what = f"takes {len(content):,} bytes as {CAMPAIGN_NAME}, more than {_LARGEST:,}"
         raise unusable("campaign", what, "certify parts of it, or without certificates")
     write_file(path, content)
     return path
@@ -416,7 +416,7 @@ def save_campaign_json(campaign: Campaign, folder: StrPath) -> Path:
 
 def keep_beside(campaign: Campaign, certificate: StrPath) -> None:
     """Keep the campaign's file in the folder of a certificate. Raises InputError where another campaign's is there."""
-    path = Path(certificate).parent / NAME
+    path = Path(certificate).parent / CAMPAIGN_NAME
     if not path.exists():
         save_campaign_json(campaign, path.parent)
     elif path.read_bytes() != campaign_json(campaign):
@@ -425,7 +425,7 @@ def keep_beside(campaign: Campaign, certificate: StrPath) -> None:
 
 def load_campaign_json(path: StrPath) -> Campaign:
     """The campaign of a file, or of the `campaign.json` in a folder. Raises InputError."""
-    file = Path(path) / NAME if Path(path).is_dir() else Path(path)
+    file = Path(path) / CAMPAIGN_NAME if Path(path).is_dir() else Path(path)
     content = small_file(file, "name the folder of a run", most=_LARGEST)
     try:
         data = json.loads(content.decode("utf-8"))

@@ -342,9 +342,8 @@ def poses_of_log(log: Log, rotation: str | None = None, unit: str = "") -> tuple
     found, form = columns_by_name(log.header, 0, form)
     if form is None or not {*"xyz", *form.columns} <= set(found):
         what = f"columns do not tell which are x, y, z and the rotation; they are {listed(log.header, 40)}"
-        if form is None:
-            raise unusable(log.where, what, f"state --rotation: {FORMS}")
-        raise unusable(log.where, what, f"call them image, x, y, z, {', '.join(form.columns)}")
+        named = f"call them image, x, y, z, {', '.join(form.columns)}" if form else f"state --rotation: {FORMS}"
+        raise unusable(log.where, what, named)
     table = _table(log, found, replace(form, length=unit or form.length))
     place = table.columns(*"xyz")
     largest = float(np.abs(place).max())

@@ -15,6 +15,7 @@ expression  = sums of products of powers: + -, then * /, then ^ (which binds a m
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -70,9 +71,7 @@ _DEEPEST = 60  # of nested brackets, functions and loops
 
 _HABITS = {"==": "write = once", "**": "write ^ for a power"}  # of other languages
 _RELATIONS = ("=", "<=", ">=", "<", ">", "in")
-_PI = Interval(3.141592653589793, 3.1415926535897936)
 _LARGEST = float(np.finfo(float).max)
-_EVERYTHING = Data(Interval(-np.inf, np.inf))
 _BINARY: dict[str, Callable[[Value, Value], Value]] = {"+": plus, "-": minus, "*": times, "/": divided, "^": power}
 
 Names = Mapping[str, Value]
@@ -330,7 +329,10 @@ class _Meaning(_Parser):
     def __init__(self, text: str, where: str) -> None:
         super().__init__(text, where)
         self.network = Network(Path(where).stem or "problem")
-        self.constants: dict[str, Value] = {"pi": _PI, "oo": Data(Interval(_LARGEST, np.inf))}
+        self.constants: dict[str, Value] = {
+            "pi": Interval(3.141592653589793, 3.1415926535897936),
+            "oo": Data(Interval(_LARGEST, np.inf)),
+        }
         self.names: dict[str, Value] = {}  # of variables
         self.functions: dict[str, Function] = {}
         self.calls = 0  # of functions in one another
@@ -433,7 +435,7 @@ class _Meaning(_Parser):
         self.calls += 1
         if self.calls > _DEEPEST:
             raise self.wrong("functions call one another without end", "take the circle out", token)
-        local = {**self.constants, **{name.text: of for name, of in zip(function.inputs, arguments, strict=True)}}
+        local = self.constants | {name.text: of for name, of in zip(function.inputs, arguments, strict=True)}
         for step, expression in function.steps:
             local[step.text] = self.value(expression, local)
         found = self.value(function.result, local)
@@ -458,7 +460,7 @@ class _Meaning(_Parser):
                 break
             self.variable()
         self.parts()
-        names, goal = {**self.constants, **self.names}, None
+        names, goal = self.constants | self.names, None
         if self.takes("minimize"):
             tree = self.expression()
             goal = as_operand(self.value(tree, names))
@@ -528,12 +530,13 @@ class _Meaning(_Parser):
     ) -> tuple[list[Any], tuple[int, ...]]:
         """What a name is set to or lies in, entry by entry, and its shape; one number stands for all entries."""
         shape = tuple(self.whole(node, self.constants) for node in dimensions)
-        if any(side < 1 for side in shape) or int(np.prod(shape, dtype=object)) > MOST:
+        count = math.prod(shape)
+        if any(side < 1 for side in shape) or count > MOST:
             what = f"{token.text} has the dimensions {shape}"
             raise self.wrong(what, f"give whole numbers from 1, and at most {MOST:,} entries", token)
-        found = _EVERYTHING if value is None else self.value(value, self.constants)
+        found = Data(Interval(-np.inf, np.inf)) if value is None else self.value(value, self.constants)
         if not isinstance(found, np.ndarray):
-            return [found] * int(np.prod(shape, dtype=int)), shape
+            return [found] * count, shape
         if shape not in (found.shape, found.shape[1:] if is_row(found) else None):  # a row serves as a column
             what = f"{token.text} has the dimensions {shape} and a value of {found.shape}"
             raise self.wrong(what, "give a value of its size", token)

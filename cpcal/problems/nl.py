@@ -33,7 +33,15 @@ MOST = 100_000  # variables, and constraints
 _HEADER = 10  # lines
 _DEEPEST = 500
 
-_BINARY: dict[int, Callable[[Value, Value], Value]] = {0: plus, 1: minus, 2: times, 3: divided, 5: power, 76: power}
+_BINARY: dict[int, Callable[[Value, Value], Value]] = {
+    0: plus,
+    1: minus,
+    2: times,
+    3: divided,
+    5: power,
+    76: power,
+    48: lambda x, y: applied("atan2", [x, y]),
+}
 _UNARY: dict[int, Callable[[Value], Value]] = {
     16: negative,
     42: lambda x: divided(applied("log", [x]), applied("log", [Fraction(10)])),
@@ -43,7 +51,6 @@ _NAMED = {15: "abs", 37: "tanh", 38: "tan", 39: "sqrt", 40: "sinh", 41: "sin", 4
 _NAMED |= {44: "exp", 45: "cosh", 46: "cos", 47: "atanh", 49: "atan", 50: "asinh", 51: "asin", 52: "acosh", 53: "acos"}
 _ZERO: Value = Fraction(0)
 _LISTS = {11: "min", 12: "max", 54: "sum"}
-_ATAN2 = 48
 _BOUNDS = {"0": 2, "1": 1, "2": 1, "3": 0, "4": 1}  # both ends, an upper one, a lower one, none, one number
 
 Terms = list[tuple[int, Fraction]]
@@ -88,18 +95,17 @@ class _Reader:
         if any(counts[5]):
             self.at = 7
             raise self.wrong("has whole-number variables", "cpcal solves for real numbers: relax them")
-        lo, hi = self.bounds_ahead()
-        network = Network("problem")
         self.at = 0
         if not self.count:
             raise self.wrong("has no variables", "give a problem with some")
+        network, (lo, hi) = Network("problem"), self.bounds_ahead()
         self.variables = list(network.variable("x", shape=self.count, domain=(lo, hi)))
         self.at = _HEADER
         while self.at < len(self.lines):
             self.segment()
         for k in range(self.rows):
             low, high = self.row_bounds[k] if k < len(self.row_bounds) else (-math.inf, math.inf)
-            body = self.whole_form("J", k, self.bodies.get(k, Fraction(0)))
+            body = self.whole_form("J", k, self.bodies.get(k, _ZERO))
             if low > -math.inf or high < math.inf:
                 network.add(body.within((low, high)))
         if objectives > 1:
@@ -145,7 +151,7 @@ class _Reader:
 
     # the header -------------------------------------------------------------------------------
 
-    def bounds_ahead(self) -> tuple[Floats, Floats]:
+    def bounds_ahead(self) -> Floats:
         """The segment of the variables' bounds, which stands behind those that need the variables."""
         pairs = [(-math.inf, math.inf)] * self.count
         for k in range(_HEADER, len(self.lines)):
@@ -153,7 +159,7 @@ class _Reader:
                 self.at = k + 1
                 pairs = [self.bound() for _ in range(self.count)]
                 break
-        return np.array([p[0] for p in pairs], float), np.array([p[1] for p in pairs], float)
+        return np.array(pairs).T
 
     # segments ---------------------------------------------------------------------------------
 
@@ -213,15 +219,14 @@ class _Reader:
         if code in _LISTS:
             parts = [self.expression(depth + 1) for _ in range(int(self.next()))]
             return reduce(plus, parts, _ZERO) if _LISTS[code] == "sum" else applied(_LISTS[code], parts)
-        if code not in {*_BINARY, *_UNARY, *_NAMED, _ATAN2}:
+        if code not in {*_BINARY, *_UNARY, *_NAMED}:
             raise self.wrong(f"the operation o{code} is not understood", "write the problem without it")
         first = self.expression(depth + 1)
         if code in _NAMED:
             return applied(_NAMED[code], [first])
         if code in _UNARY:
             return _UNARY[code](first)
-        second = self.expression(depth + 1)
-        return applied("atan2", [first, second]) if code == _ATAN2 else _BINARY[code](first, second)
+        return _BINARY[code](first, self.expression(depth + 1))
 
 
 def _finite(word: str) -> float:

@@ -26,8 +26,7 @@ from cpcal.models import PLAIN, beyond_legs
 from cpcal.models.frames import Tell, exact
 from cpcal.models.leg_set import AskedSet, CertifiedSet, certified_set, enclosed_leg
 from cpcal.models.platform import Cells, Workspace, cell_bounds, centered, cover, first_grid, pose_inverse, rotated
-from cpcal.questions.next_measurement import NextPose, Polytope, attained, leg_changes
-from cpcal.questions.next_measurement import next_poses as chosen_next
+from cpcal.questions.next_measurement import NextPose, Polytope, attained, leg_changes, poses_to_measure
 from cpcal.questions.result import CampaignNote, Result
 from cpcal.questions.verdict import verdict_of
 from cpcal.robot import Campaign, Pose, Robot, inverse_kinematics, pose_jacobian, turn_between
@@ -286,12 +285,11 @@ def certify_accuracy(
             coordinates = exact(middle), list(map(exact, inverse))
             bounds = pose_bounds(commanded[k], rest, F(WITHIN[0]), F(WITHIN[1]) / 2, *coordinates, free, held)
             lo, hi, *most = ((), (), np.inf, np.inf) if bounds is None else stated(bounds)
-            x, y, z, *q = np.concatenate([named.poses.position[k], named.poses.quaternion[k]]).tolist()
             at.append(
                 PoseAccuracy(
                     name=name,
-                    position=(x, y, z),
-                    quaternion=(q[0], q[1], q[2], q[3]),
+                    position=tuple(named.poses.position[k].tolist()),
+                    quaternion=tuple(named.poses.quaternion[k].tolist()),
                     proved=bounds is not None,
                     lo=lo,
                     hi=hi,
@@ -316,7 +314,7 @@ def certify_accuracy(
         if next_poses > 0 and there:
             values = np.array(there)
             worst_poses = Pose(values[:, :3], values[:, 3:])
-            following = chosen_next(campaign, sets, polytopes, worst_poses, next_poses, held=held)
+            following = poses_to_measure(campaign, sets, polytopes, worst_poses, next_poses, held=held)
     return Accuracy(
         campaign=CampaignNote(campaign_sha256(campaign), campaign.robot.name, len(campaign)),
         version=__version__,

@@ -41,8 +41,7 @@ from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.execution.stopping import Reason, Stopped, asked
 from cpcal.solver.interval import Box
 from cpcal.solver.network.rows import Rows
-from cpcal.solver.optimize.bound import Alone, Bracket, Minimum, hitting_set
-from cpcal.solver.optimize.bound import support as find_support
+from cpcal.solver.optimize.bound import Alone, Bracket, Minimum, hitting_set, support
 from cpcal.solver.optimize.local import Known, fit
 from cpcal.solver.optimize.witness import Prepared, verify_point
 
@@ -61,7 +60,7 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
         answer = searched(prepared, the_answer, start=start, tell=tell)
     else:
         answer = by_timeout(prepared, start, tell)
-    found, support = answer.minimum, _support(prepared, answer.minimum)
+    found, few = answer.minimum, _support(prepared, answer.minimum)
     stopped, lo = found.interrupted or asked() is not None, float(found.lo)
     if options.eps is not None:  # of that one alone something is said
         lo = eps if found.verdict is Verdict.REFUTED else 0.0
@@ -75,7 +74,7 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
             "enclosure": Box(question.model.parameters, found.enclosure.lo[:-1], found.enclosure.hi[:-1]),
             "certificate": answer.certificate,
         },
-        support=support,
+        support=few,
         not_certified=_not_certified(question, leg, answer),
         verified=VerifiedPoint(eps, int(verified.holds.sum()), int(verified.fails.sum()), len(campaign)),
         work=Work(
@@ -132,7 +131,7 @@ def _support(leg: PreparedLeg, found: Minimum) -> tuple[str, ...]:
         return Alone(least.lo, None if better is None else better.point, least.interrupted)
 
     ids = question.campaign.measurement_ids
-    return tuple(ids[k] for k in find_support(leg.problem, found, limits.gap, alone))
+    return tuple(ids[k] for k in support(leg.problem, found, limits.gap, alone))
 
 
 def _not_certified(question: Question, leg: int, answer: Answered) -> Uncertified:

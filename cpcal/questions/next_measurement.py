@@ -15,7 +15,7 @@ import numpy as np
 
 from cpcal.common.errors import unusable
 from cpcal.common.numbers import about, at_most, stated
-from cpcal.common.values import Floats
+from cpcal.common.values import Floats, norms
 from cpcal.models import PLAIN, ModelResiduals, reading_moves
 from cpcal.models.frames import Tell
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy
@@ -116,7 +116,7 @@ class NextPose:
     expected: float
 
 
-def next_poses(
+def poses_to_measure(
     campaign: Campaign,
     sets: Sequence[CertifiedSet],
     polytopes: Sequence[Polytope],
@@ -158,9 +158,8 @@ def next_poses(
     out, order = [], greedy(range(len(forms)), count, width)
     for n, k in enumerate(order, 1):
         expected = float(attained(robot, after(*order[:n]), sets, worst, held).max())
-        x, y, z = candidates.position[k].tolist()
-        a, b, c = rotation_vector(candidates.quaternion[k]).tolist()
-        out.append(NextPose((x, y, z), (a, b, c), expected))
+        place, turn = candidates.position[k], rotation_vector(candidates.quaternion[k])
+        out.append(NextPose(tuple(place.tolist()), tuple(turn.tolist()), expected))
     return tuple(out)
 
 
@@ -176,14 +175,13 @@ def attained(
 ) -> Floats:
     """(K,) mm: how far, to first order, some parameters of the sets and errors up to eps move the platform."""
     forms, inverse = leg_changes(robot, poses), pose_inverse(pose_jacobian(robot, poses), held)
-    ranges = [p.ranges(forms[:, i]) for i, p in enumerate(polytopes)]
-    middle = np.stack([r[0] for r in ranges], axis=1)
-    half = np.stack([r[1] + one.eps for r, one in zip(ranges, sets, strict=True)], axis=1)
+    middle, half = np.stack([p.ranges(forms[:, i]) for i, p in enumerate(polytopes)], axis=-1)  # (K, n) each
+    half = half + [one.eps for one in sets]
     legs = robot.legs
     signs = np.where(np.arange(1 << legs)[:, None] >> np.arange(legs) & 1, 1.0, -1.0)
     corners = middle[:, None] + signs[None] * half[:, None]  # (K, 2^n, n)
     moves = np.einsum("kij,kcj->kci", inverse[:, :3], corners)
-    return np.asarray(np.linalg.norm(moves, axis=-1).max(axis=1))
+    return np.asarray(norms(moves).max(axis=1))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -322,8 +320,7 @@ def _as_stated(frames: HandEyeFrames) -> Floats:
     """(12, 12): turn and place of X and F, as they are stated, by the motions of `PixelModel.moved`."""
     back = frames.e_rotation.T
     found = np.zeros((12, 12))
-    found[:3, :3] = -back
+    found[:3, :3] = found[3:6, 3:6] = -back
     found[3:6, :3] = -back @ cross_matrix(frames.e_translation)
-    found[3:6, 3:6] = -back
     found[6:, 6:] = np.eye(6)
     return found

@@ -18,8 +18,7 @@ from cpcal.common.errors import printable, refuse, unusable
 from cpcal.common.files import StrPath
 from cpcal.common.numbers import stated
 from cpcal.common.values import Names, Numbers
-from cpcal.files.folders import NAME as CAMPAIGN_NAME
-from cpcal.files.folders import campaign_sha256, save_campaign_json
+from cpcal.files.folders import CAMPAIGN_NAME, campaign_sha256, save_campaign_json
 from cpcal.models import BUILT_IN, PARAMETERS, PLAIN, LegModel, Parameter, leg_model, model_name_problem
 from cpcal.robot import Campaign
 from cpcal.solver.accounts import ContractorUse, Trial

@@ -124,7 +124,7 @@ def budget(best: Fit, campaign: Campaign, drawing: Robot, inputs: Inputs) -> Bud
         """Each leg by itself: squares add up."""
         legs = np.eye(campaign.legs)[: campaign.legs if share else 0]
         each = (moved(length=campaign.length * (1.0 + share * leg)) for leg in legs)
-        return np.asarray(np.sqrt(sum((change**2 for change in each), nothing)))
+        return np.sqrt(sum((change**2 for change in each), nothing))
 
     def lens(size: float) -> Floats:
         if not size:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from markupsafe import Markup
 
 from cpcal.common.numbers import stated
-from cpcal.common.values import Floats
+from cpcal.common.values import Bools, Floats
 from cpcal.questions import Result, verdict_of
 
 INK, GRID, BAND, EDGE, ROOM, DOT, SUPPORT = (
@@ -125,9 +125,8 @@ class Plot:
 
     def marks(self, points: npt.ArrayLike, shape: str, colour: str, size: float, width: float = 1.4) -> None:
         """Marks of that size where points lie in the frame: "dot", or one of _SHAPES, drawn with a line of `width`."""
-        left, top, right, bottom = self.frame
         places = self.at(points)
-        low, high = np.array([left, top]) - 0.01, np.array([right, bottom]) + 0.01
+        low, high = np.reshape(self.frame, (2, 2)) + [[-0.01], [0.01]]
         places = places[((places >= low) & (places <= high)).all(axis=1)]
         if shape == "dot":
             track = "".join(f"M{_n(x)} {_n(y)}h0" for x, y in places.tolist())
@@ -212,11 +211,17 @@ def errors_svg(result: Result) -> Svg:
         colour = f"var(--{COLOURS[verdict_of(result, leg).kind]})"
         names[len(bars)] = f"leg {leg.leg}"
         bars.append((leg.bracket.lo, passes, leg.recommended.largest, colour))
-    line = asked or 0.0
-    most = max([line, *(v for bar in bars for v in bar[:3] if v <= FARTHEST)])
-    far, count, size = most + max(0.08 * most, _LEAST), len(bars), (_WIDE, _TOP + _ROW * len(bars) + _BOTTOM)
-    spans, ticks = ((0.0, far), (count - 0.5, -0.5)), (evenly(0.0, far, 4), names)
-    plot = Plot(size, *spans, ("tolerance [mm]", ""), ticks=ticks, grid="x", margin=(_TOP, 12.0))
+    most = max([asked or 0.0, *(v for bar in bars for v in bar[:3] if v <= FARTHEST)])
+    far, count = most + max(0.08 * most, _LEAST), len(bars)
+    plot = Plot(
+        (_WIDE, _TOP + _ROW * count + _BOTTOM),
+        (0.0, far),
+        (count - 0.5, -0.5),
+        ("tolerance [mm]", ""),
+        ticks=(evenly(0.0, far, 4), names),
+        grid="x",
+        margin=(_TOP, 12.0),
+    )
     for row, (lo, hi, _, colour) in enumerate(bars):
         left, right = min(lo, far), min(hi, far)
         plot.area(GRID, rectangle(0.0, row - 0.2, left, row + 0.2))
@@ -253,14 +258,14 @@ def residuals_svg(
     room: Floats,
     fit: Floats,
     band: Span,
-    wrong: Floats,
+    wrong: Bools,
     names: Sequence[str],
     label: str,
     labels: tuple[str, str] = ("measurement, counted from 1 in the order of the campaign", "residual [mm]"),
 ) -> Svg:
     """Residuals (N,) with bars of sensitivity, the band that they are to be in, and residuals of a `fit`, NaN for none.
 
-    `wrong`: (N,) bool, those that stand out; `labels` of both axes.
+    `wrong`: (N,), those that stand out; `labels` of both axes.
     """
     count, (low, high) = len(residual), band
     plot = series(SERIES, count, np.concatenate([[low, high], residual - room, residual + room, fit]), labels)

@@ -23,7 +23,10 @@ _CHECKED = (
     "weights that exact rational arithmetic accepts, on rows that the checker forms from study.json. cpcal verify "
     "checks them again."
 )
-_FRAMES = {"eye-in-hand": ("camera in hand", "target in base"), "eye-to-hand": ("camera in base", "target in hand")}
+_FRAMES = {
+    "eye-in-hand": {"camera": "camera in hand", "target": "target in base"},
+    "eye-to-hand": {"camera": "camera in base", "target": "target in hand"},
+}
 
 
 def write_hand_eye(found: HandEyeResult, folder: StrPath, name: str = HAND_EYE_PAGE) -> Path:
@@ -97,10 +100,14 @@ def _blamed(found: HandEyeResult) -> Iterator[Section]:
         f"{at_most(found.eps, 5)} px. Were the image right, each group would hold a wrong one: one more than there may "
         "be."
     )
-    parts = []
-    for image, why in found.blamed:
-        others = [", ".join(name for name in reason.images if name != image) for reason in why]
-        parts.append(Section(f"{image}: {len(why)} groups", items=others, folded=True))
+    parts = [
+        Section(
+            f"{image}: {len(why)} groups",
+            items=[", ".join(name for name in reason.images if name != image) for reason in why],
+            folded=True,
+        )
+        for image, why in found.blamed
+    ]
     if parts:
         yield Section("Why they are wrong", [said], parts=parts, style="names")
 
@@ -131,15 +138,14 @@ def _forcing(found: HandEyeResult) -> Iterator[Section]:
 
 def known_frames(found: HandEyeResult) -> Iterator[Section]:
     """How well the frames are known: on the page and on a terminal."""
-    tolerance, ranges = at_least(found.eps, 4), found.ranges
-    rows, (camera, target) = [], _FRAMES[found.setup]
+    tolerance, ranges, called, rows = at_least(found.eps, 4), found.ranges, _FRAMES[found.setup], []
     for name, at in (("best found", found.point), ("least squares", found.asked.center)):
         for frame, position, quaternion in (
-            (camera, at.camera_position, at.camera_quaternion),
-            (target, at.target_position, at.target_quaternion),
+            ("camera", at.camera_position, at.camera_quaternion),
+            ("target", at.target_position, at.target_quaternion),
         ):
             numbers = (nearest(v, 4) for v in position), (nearest(v, 7) for v in quaternion)
-            rows.append((name, frame, *map(", ".join, numbers)))
+            rows.append((name, called[frame], *map(", ".join, numbers)))
     frames = Section(
         "Frames",
         tables=[Table(("", "frame", "x, y, z [mm]", "qw, qx, qy, qz"), rows)],
@@ -154,8 +160,7 @@ def known_frames(found: HandEyeResult) -> Iterator[Section]:
     for parameter, lo, hi in zip(PARAMETERS, ranges.low, ranges.high, strict=True):
         frame, axis = parameter.split()
         axis, unit = (f"turn about {axis[1]}", "deg") if axis.startswith("r") else (axis, "mm")
-        name = f"{camera if frame == 'camera' else target}: {axis}"
-        known.append((name, rounded_down(lo, 4), rounded_up(hi, 4), at_most(hi - lo, 3), unit))
+        known.append((f"{called[frame]}: {axis}", rounded_down(lo, 4), rounded_up(hi, 4), at_most(hi - lo, 3), unit))
     yield Section(
         title,
         [
@@ -270,9 +275,8 @@ def searched(found: HandEyeResult) -> str:
 
 def given_values(found: HandEyeResult) -> str:
     """Positions that the user knows."""
-    frames = dict(zip(("camera", "target"), _FRAMES[found.setup], strict=True))
     ends = [
-        f"{frames[name[:-2]]}, {name[-1]} from {stated(low)} to {stated(high)} mm"
+        f"{_FRAMES[found.setup][name[:-2]]}, {name[-1]} from {stated(low)} to {stated(high)} mm"
         for name, low, high in found.asked.known
     ]
     return f". Given by you, not proved: {'; '.join(ends)}" if ends else ""

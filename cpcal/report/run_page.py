@@ -59,7 +59,6 @@ REPORT_NAME = "report.html"
 _HEAD = ("date", "operator", "serial")  # of the campaign's provenance, shown at the top of the page
 _DECIMALS, _MORE = 4, 9  # of parameters in mm, of others, such as shares
 _MOST_NAMES = 120  # measurements listed for a leg
-_UNKNOWN = "—"
 _DRAWN = (
     "Dots: errors of the recommended parameters at the readings; bars: within the reading sets. A leg passes where "
     "every bar lies within the band, ± the tolerance (without one, ± their largest error). Diamonds: measure again."
@@ -314,7 +313,7 @@ def _table(
             row["at least"] = claim(rounded_down(lo, decimals), f"{of}.lo", leg, lo, name)
             row["at most"] = claim(rounded_up(hi, decimals), f"{of}.hi", leg, hi, name)
             row["width"] = claim(gap_text(lo, hi), f"{of}.width", leg, "", name)
-        rows.append([row.get(column, _UNKNOWN) for column in head])
+        rows.append([row.get(column, "—") for column in head])
     return Table(head, rows, columns)
 
 
@@ -373,8 +372,7 @@ def residuals_drawing(
     """The residuals of the recommended parameters, with bars for their reading sets, and the band of the tolerance;
     without a tolerance that of their error."""
     best, at = leg.recommended, leg.recommended.point
-    count, chosen = len(campaign), np.zeros(len(campaign), bool)
-    chosen[list(wrong)] = True
+    count = len(campaign)
     residual, room = model_residuals(campaign, leg.leg, at, model), reading_moves(campaign, leg.leg, at).sum(axis=1)
     least = best.largest
     band = tolerance or (least if 0.0 < least < math.inf else float(np.nanmax(np.abs(residual) + room)))
@@ -382,7 +380,7 @@ def residuals_drawing(
     said = "Of each run of neighbours the worst measurement is drawn." if count > MOST_POINTS else ""
     label = f"Leg {leg.leg}: residuals over the measurements, and the band that they must be within"
     names = [f"{k} ({name})" for k, name in enumerate(campaign.measurement_ids, 1)]
-    figure = residuals_svg(residual, room, fits, (-band, band), chosen, names, label)
+    figure = residuals_svg(residual, room, fits, (-band, band), np.isin(np.arange(count), wrong), names, label)
     return Drawing([figure], caption=said)
 
 

@@ -433,7 +433,7 @@ class Study(Value):
 
     def __post_init__(self) -> None:
         fill(self, provenance=frozen_mapping(self.provenance))
-        problems = Problems()
+        problems = Problems(provenance_problems("study", self.provenance))
         for name in ("calibration", "validation"):
             found = getattr(self, name).legs
             if found != self.robot.legs:
@@ -441,8 +441,6 @@ class Study(Value):
                 problems.wrong(f"study {name}", what, "give one reading for each leg")
         if self.truth is not None and self.truth.robot.legs != self.robot.legs:
             problems.wrong("study truth", "has another number of legs", "give as many as the robot has")
-        for problem in provenance_problems("study", self.provenance):
-            problems.add(problem)
         problems.raise_any()
 
     def __repr__(self) -> str:
@@ -495,7 +493,7 @@ class LegEquations:
     def vectors(self, x: Floats) -> tuple[Floats, Floats]:
         """v and R b, each (N, n, 3)."""
         arm = np.einsum("kij,nj->kni", self.rotation, x[:, 3:6])
-        return self.position[:, None, :] + arm - x[:, :3], np.asarray(arm)
+        return self.position[:, None, :] + arm - x[:, :3], arm
 
     def _directions(self, x: Floats) -> tuple[Floats, Floats]:
         """v / ||v|| and R b, each (N, n, 3)."""

@@ -93,7 +93,7 @@ def rotation_vector(quaternion: ArrayLike) -> Floats:
     """The rotation vector, rad, of norm at most pi, (..., 4) -> (..., 3)."""
     q = normalised(quaternion)
     half = np.arctan2(norms(q[..., 1:])[..., None], q[..., :1])
-    return np.asarray(2.0 * q[..., 1:] / np.sinc(half / np.pi))
+    return 2.0 * q[..., 1:] / np.sinc(half / np.pi)
 
 
 def quaternion_from_matrix(matrix: ArrayLike) -> Floats:

@@ -249,7 +249,7 @@ _MAX_TURN = 0.5  # rad, of a step
 
 def _short(turn: Floats) -> Floats:
     """Rotation vectors (..., 3) of a length that a step may have."""
-    return np.asarray(turn * np.minimum(1.0, _MAX_TURN / np.maximum(norms(turn)[..., None], _MAX_TURN)))
+    return turn * np.minimum(1.0, _MAX_TURN / np.maximum(norms(turn)[..., None], _MAX_TURN))
 
 
 def _angles(form: str, quaternion: Floats) -> Floats:
@@ -526,7 +526,7 @@ def _ascending(values: Sequence[float]) -> list[int]:
     return sorted(range(len(values)), key=lambda k: (round(values[k], 3) if np.isfinite(values[k]) else np.inf, k))
 
 
-def _explains(before: tuple[float, str, Floats], value: float, seen: Floats) -> bool:
+def _explains(before: Option, value: float, seen: Floats) -> bool:
     """Whether what is seen is much smaller, and much more likely, than before."""
     (left, off, share), (left_after, off_after, _) = before[2], seen
     falls = left_after < _BETTER * left or (share > DISAGREE and off_after < _BETTER * off)

@@ -11,7 +11,7 @@ import pytest
 
 import cpcal
 from cpcal.checker import Accepted, check
-from cpcal.files.folders import NAME, save_campaign_json
+from cpcal.files.folders import CAMPAIGN_NAME, save_campaign_json
 from cpcal.models import leg_box, leg_model, leg_network, leg_statement
 from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.interval import Box
@@ -133,7 +133,7 @@ def checked(tmp_path: Path) -> Callable[[bytes, Path | None], Accepted]:
     def checked_bytes(content: bytes, folder: Path | None) -> Accepted:
         path = tmp_path / "certificate.jsonl"
         path.write_bytes(content)
-        return check(path, None if folder is None else folder / NAME)
+        return check(path, None if folder is None else folder / CAMPAIGN_NAME)
 
     return checked_bytes
 

@@ -8,7 +8,7 @@ import pytest
 from cpcal.common.errors import InputError
 from cpcal.models.hand_eye import simulate_hand_eye
 from cpcal.models.platform import Cells, cell_bounds
-from cpcal.questions.next_measurement import Polytope, next_images, next_poses
+from cpcal.questions.next_measurement import Polytope, next_images, poses_to_measure
 from cpcal.robot import central_pose
 from tests.models.known_robot import known
 
@@ -20,7 +20,7 @@ def test_each_pose_measured_narrows_the_worst_bound_that_is_expected(known):
     worst = type(centre)(centre.position[None], centre.quaternion[None])
     today = cell_bounds(Cells.of_poses(worst), known.sets)[1].position[0]
     polytopes = [Polytope.about(known.campaign, one) for one in known.sets]
-    found = next_poses(known.campaign, known.sets, polytopes, worst, 4)
+    found = poses_to_measure(known.campaign, known.sets, polytopes, worst, 4)
     expected = [n.expected for n in found]
     assert len(expected) == 4
     assert all(b <= a * (1.0 + 1e-9) for a, b in pairwise(expected))

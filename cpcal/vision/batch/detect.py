@@ -264,7 +264,7 @@ def detection(name: str, found: MeasuredImage) -> Detection:
 
 POSITION, QUATERNION, SIGMA, SHARED = slice(0, 3), slice(3, 7), slice(7, 13), slice(13, 19)
 NUMBERS = (*POSE, *(f"s{axis}" for axis in AXES), *SHARED_COLUMNS, "rms", "scale", "missing", "false", "margin")
-RMS, SCALE = NUMBERS.index("rms"), NUMBERS.index("scale")
+RMS, SCALE, MISSING, FALSE = map(NUMBERS.index, ("rms", "scale", "missing", "false"))
 COLUMNS = ("file", "dots", *NUMBERS, "doubt", "reason")
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from cpcal.checker import Accepted, ExactCampaign, Refused, check
-from cpcal.files.folders import NAME
+from cpcal.files.folders import CAMPAIGN_NAME
 from tests.checker.valid.exact_legs import in_fractions, parts
 
 TOTAL = int(os.environ.get("CPCAL_MUTATIONS", "1200"))
@@ -164,7 +164,7 @@ class Truth:
         self.proof = proof
         rng = random.Random(0)
         if proof.folder is not None:
-            self.campaign = ExactCampaign(proof.folder / NAME)
+            self.campaign = ExactCampaign(proof.folder / CAMPAIGN_NAME)
         self.solutions = [[F(v) for v in proof.point]]
         for size in (1e-7, 1e-6, 1e-5, 1e-4, 1e-3):
             x = [v + rng.uniform(-size, size) for v in proof.point[:-1]]
@@ -244,7 +244,7 @@ def test_no_mutation_is_believed(name: str, request: pytest.FixtureRequest, tmp_
         mutate(lines, proof.head, rng)
         path.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
         try:
-            found = check(path, proof.folder and proof.folder / NAME)
+            found = check(path, proof.folder and proof.folder / CAMPAIGN_NAME)
         except Refused:
             continue
         accepted += 1

@@ -14,7 +14,7 @@ import pytest
 
 from cpcal.checker import ExactCampaign, Refused, Unusable, check
 from cpcal.checker.files import Budget
-from cpcal.files.folders import NAME
+from cpcal.files.folders import CAMPAIGN_NAME
 from cpcal.solver.certificate.float_rows import at_point, holding, stretchings
 from tests.checker.second import agreed, encoded, told
 from tests.checker.valid.exact_legs import in_fractions, parts
@@ -48,7 +48,7 @@ def with_eps(proof: Any, eps: float) -> list[dict[str, Any]]:
 def test_eps_one_ulp_below_the_least_that_the_point_shows(verdict: Any, exact_proof: Any) -> None:
     """For exact readings that is the largest | ||v|| - (L + l) |; here it is found by bisection."""
     x = [F(v) for v in exact_proof.point]
-    exact = ExactCampaign(exact_proof.folder / NAME)
+    exact = ExactCampaign(exact_proof.folder / CAMPAIGN_NAME)
     rows = [in_fractions(exact.measurement(k, 1)) for k in range(len(exact))]
 
     def shown(eps: float) -> bool:
@@ -86,7 +86,7 @@ def test_a_point_of_the_uncertain_campaign_that_fails_is_proved_to_fail(verdict:
 
 def test_a_leg_shorter_than_eps(verdict: Any, exact_proof: Any) -> None:
     """With eps a little larger than the shortest leg all squares are in order; the leg itself is not."""
-    rows = ExactCampaign(exact_proof.folder / NAME)
+    rows = ExactCampaign(exact_proof.folder / CAMPAIGN_NAME)
     shortest = min(float(in_fractions(rows.measurement(k, 1)).length) for k in range(len(rows))) + exact_proof.point[6]
     below, above = with_eps(exact_proof, 0.99 * shortest), with_eps(exact_proof, 1.01 * shortest)
     assert verdict(below, exact_proof.folder).claims.eps_hi == F(0.99 * shortest)
@@ -106,15 +106,15 @@ def moved_campaign(tmp_path: Path, exact_proof: Any) -> Path:
 
 def rewritten(folder: Path, change: Callable[[list[list[Any]]], None]) -> str:
     """The digest of the campaign after a change of its measurements."""
-    data = json.loads((folder / NAME).read_text())
+    data = json.loads((folder / CAMPAIGN_NAME).read_text())
     change(data["measurements"])
-    (folder / NAME).write_text(json.dumps(data))
-    return hashlib.sha256((folder / NAME).read_bytes()).hexdigest()
+    (folder / CAMPAIGN_NAME).write_text(json.dumps(data))
+    return hashlib.sha256((folder / CAMPAIGN_NAME).read_bytes()).hexdigest()
 
 
 def test_a_campaign_changed_after_the_fact(verdict: Any, exact_proof: Any, moved_campaign: Path) -> None:
     """A byte more, or a digit less, and the digest is another one."""
-    file = moved_campaign / NAME
+    file = moved_campaign / CAMPAIGN_NAME
     content = file.read_bytes()
     digit = max(content.rfind(d) for d in b"123456789")
     for changed in (content + b"\n", content[:digit] + b"0" + content[digit + 1 :]):
@@ -186,10 +186,10 @@ CONTENTS = {
 
 @pytest.mark.parametrize("name", [*OTHERS, *CONTENTS])
 def test_files_that_are_no_campaign(name, verdict, exact_proof, moved_campaign, second):
-    data, lines = json.loads((moved_campaign / NAME).read_text()), exact_proof.copy()
+    data, lines = json.loads((moved_campaign / CAMPAIGN_NAME).read_text()), exact_proof.copy()
     OTHERS.get(name, len)(data)
     content = CONTENTS.get(name, json.dumps(data).encode())
-    (moved_campaign / NAME).write_bytes(content)
+    (moved_campaign / CAMPAIGN_NAME).write_bytes(content)
     lines[0]["campaign"] = hashlib.sha256(content).hexdigest()
     with pytest.raises(Refused, match=r"campaign\.json") as caught:
         verdict(lines, moved_campaign)
@@ -200,10 +200,10 @@ def test_the_campaign_beside_a_certificate_is_found(tmp_path: Path, exact_proof:
     """By its digest, among others."""
     path = tmp_path / "leg1.cert.jsonl"
     path.write_text("".join(json.dumps(line) + "\n" for line in exact_proof.lines))
-    data = (exact_proof.folder / NAME).read_bytes()
-    own = tmp_path / f"{sha256(data).hexdigest()[:12]}.{NAME}"
+    data = (exact_proof.folder / CAMPAIGN_NAME).read_bytes()
+    own = tmp_path / f"{sha256(data).hexdigest()[:12]}.{CAMPAIGN_NAME}"
     own.write_bytes(data)
-    (tmp_path / NAME).write_bytes(data + b"\n")
+    (tmp_path / CAMPAIGN_NAME).write_bytes(data + b"\n")
     assert check(path).claims.eps_lo == F(exact_proof.eps_lo)
     own.unlink()
     with pytest.raises(Refused, match="SHA-256"):
@@ -248,7 +248,7 @@ def test_too_much_work(tmp_path: Path, network_proof: Any) -> None:
 
 def test_a_step_of_two_certificates_costs_once(tmp_path, uncertain_proof, monkeypatch):
     """If it is the same to the last byte, from the same box, about the same leg; another one is checked."""
-    path, campaign = tmp_path / "c.jsonl", uncertain_proof.folder / NAME
+    path, campaign = tmp_path / "c.jsonl", uncertain_proof.folder / CAMPAIGN_NAME
     budget, spent = Budget(1 << 40), []
     monkeypatch.setattr("cpcal.checker.certificate._LONG_LINE", 0)
     monkeypatch.setattr("cpcal.checker.certificate._LONG_STEP", 1000)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from cpcal.checker import ExactCampaign, Refused, check
-from cpcal.files.folders import NAME
+from cpcal.files.folders import CAMPAIGN_NAME
 from tests.checker.valid.exact_legs import in_fractions
 
 Lines = list[dict[str, Any]]
@@ -85,7 +85,7 @@ def peak_of(path: Path, folder: Path | None, match: str) -> int:
     tracemalloc.start()
     try:
         with pytest.raises(Refused, match=match):
-            check(path, folder and folder / NAME)
+            check(path, folder and folder / CAMPAIGN_NAME)
         return tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
@@ -110,9 +110,9 @@ def numbers(campaign: ExactCampaign) -> list[Any]:
 @pytest.mark.parametrize("space", [1, 17 << 20])
 def test_measurements_are_those_of_the_campaign_and_not_of_its_provenance(space, exact_proof, tmp_path):
     """In a file of more than 16 MiB the first line that said so once won."""
-    content, path = (exact_proof.folder / NAME).read_bytes(), tmp_path / NAME
+    content, path = (exact_proof.folder / CAMPAIGN_NAME).read_bytes(), tmp_path / CAMPAIGN_NAME
     _, rows = content.split(b'"measurements": [\n')
     others = b'"provenance": {\n"measurements": [\n' + rows.replace(b'"1', b'"2').strip() + b"," + b" " * space
     path.write_bytes(re.sub(rb'"provenance": .*', lambda _: others, content))
     assert path.stat().st_size > space + 2 * len(rows)
-    assert numbers(ExactCampaign(path)) == numbers(ExactCampaign(exact_proof.folder / NAME))
+    assert numbers(ExactCampaign(path)) == numbers(ExactCampaign(exact_proof.folder / CAMPAIGN_NAME))

@@ -11,7 +11,7 @@ import pytest
 from benchmarks import hostile_runs
 from benchmarks.hostile_runs import CASES, MEGABYTES, ZERO, Measured, measured, target, weights
 from cpcal.checker import WORK
-from cpcal.files.folders import NAME
+from cpcal.files.folders import CAMPAIGN_NAME
 
 SECONDS, PART = 5, 20  # a twentieth of the work, and what is no work: reading a campaign or a study
 
@@ -38,7 +38,7 @@ def test_rows_of_a_leg_by_the_thousand(uncertain_proof: Any, tmp_path: Path) -> 
     step["bounds"] = [[7, "lo", ZERO, weights([[n, 1] for n in range(len(step["rows"]))])]]
     path = tmp_path / "hostile.cert.jsonl"
     path.write_text("".join(json.dumps(line) + "\n" for line in lines))
-    (tmp_path / NAME).write_bytes((uncertain_proof.folder / NAME).read_bytes())
+    (tmp_path / CAMPAIGN_NAME).write_bytes((uncertain_proof.folder / CAMPAIGN_NAME).read_bytes())
     done = checked(path, "--work", WORK // PART)
     assert done.status == 1, done.said[-300:]
 
@@ -57,7 +57,7 @@ def test_endless_files(exact_proof: Any, tmp_path: Path) -> None:
     for campaign, status in ((Path("/dev/zero"), 2), (pipe, 2), (zeros, 1), (good, 1)):
         done = checked(good, "--campaign", campaign)
         assert done.status == status, done.said
-    (tmp_path / NAME).symlink_to(zeros)
+    (tmp_path / CAMPAIGN_NAME).symlink_to(zeros)
     (tmp_path / "result.json").symlink_to(zeros)
     assert checked(tmp_path).status == 1
 
@@ -73,12 +73,12 @@ CONTENTS = {
 @pytest.mark.parametrize("name", CONTENTS)
 def test_campaigns_that_are_none(name: str, exact_proof: Any, tmp_path: Path) -> None:
     content, lines = CONTENTS[name], exact_proof.copy()
-    (tmp_path / NAME).write_bytes(content)
+    (tmp_path / CAMPAIGN_NAME).write_bytes(content)
     lines[0]["campaign"] = hashlib.sha256(content).hexdigest()
     path = tmp_path / "leg1.cert.jsonl"
     path.write_text("".join(json.dumps(line) + "\n" for line in lines))
     done = checked(path)
     assert done.status == 1, done.said
-    assert done.said.startswith(f"REFUSED: {NAME}")
+    assert done.said.startswith(f"REFUSED: {CAMPAIGN_NAME}")
     assert len(done.said) < 200
     assert done.said.isascii()
