@@ -155,18 +155,11 @@ def _preview(talk: Talk, campaign: Campaign) -> str | None:
     talk.say(f"Columns: {campaign.provenance['columns']} ({campaign.provenance['rotation_form']})")
     talk.say(*(campaign.provenance[name] for name in FRAME_NOTES if name in campaign.provenance))
     talk.say("First rows, in mm and degrees (rotation vector); off: largest |residual| of a leg, nominal, mm")
-    shown, some = min(campaign.legs, 6), slice(_PREVIEWED)
-    off = given.off[some].max(axis=1)
-    parts = (
-        campaign.position[some],
-        np.degrees(rotation_vector(campaign.quaternion[some])),
-        campaign.length[some, :shown],
-    )
-    numbers = np.column_stack([*parts, off]).tolist()
-    names = campaign.measurement_ids[some]
-    rows = [(name, *(nearest(value, 2) for value in row)) for name, row in zip(names, numbers, strict=True)]
-    head = ("pose/run", *AXES, *leg_columns(shown), "off")
-    talk.table(head, rows, left=())
+    shown, turn = min(campaign.legs, 6), np.degrees(rotation_vector(campaign.quaternion))
+    table = np.column_stack([campaign.position, turn, campaign.length[:, :shown], given.off.max(axis=1)])
+    numbered = zip(campaign.measurement_ids, table[:_PREVIEWED].tolist(), strict=False)
+    rows = [(name, *(nearest(value, 2) for value in row)) for name, row in numbered]
+    talk.table(("pose/run", *AXES, *leg_columns(shown), "off"), rows, left=())
     talk.say(_off(np.median(given.off, axis=0).tolist()))
     mistake = mixed_up(campaign, spread_of(campaign))
     if mistake is not None:

@@ -309,8 +309,10 @@ def numbers(rows: Sequence[Detection]) -> Iterator[Section]:
     ]
     for part, of in ((SIGMA, "stated deviation of"), (SHARED, "of it shared by all images,")):
         position, turn = values[:, part][:, :3].max(axis=1), np.degrees(values[:, part][:, 3:].max(axis=1))
-        lines += [(f"{of} the position, largest axis [mm]", position, 4)]
-        lines += [(f"{of} the rotation, largest axis [°]", turn, 5)]
+        lines += [
+            (f"{of} the position, largest axis [mm]", position, 4),
+            (f"{of} the rotation, largest axis [°]", turn, 5),
+        ]
     told = []
     for name, of_all, decimals in lines:
         worst = of_all.min() if of_all is dots else of_all.max()

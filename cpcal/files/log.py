@@ -96,13 +96,13 @@ def read_log(path: Path) -> Log:
         what = "has decimal commas, and commas between columns too: no rule tells them apart"
         raise unusable(path, what, "export it with semicolons or tabs, or with decimal points")
     start = next(i for i, (_, cells) in enumerate(rows) if len(cells) == width and _numbers(cells, sign) >= _LEAST)
-    for number, cells in rows[start:]:
+    kept = rows[start:]
+    for number, cells in kept:
         if len(cells) != width:
             what = f"{len(cells)} cells, but the rows before have {width}"
             problems.wrong(path, what, "mend the line, or make it a comment with #", number)
     problems.raise_any()
-    names = _header(lines, rows[start][0], width, mark, sign)
-    kept = rows[start:]
+    names = _header(lines, kept[0][0], width, mark, sign)
     return Log(str(path), names, tuple(tuple(c) for _, c in kept), tuple(n for n, _ in kept), sign)
 
 

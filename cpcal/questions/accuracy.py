@@ -238,7 +238,7 @@ def certify_accuracy(
         workspace, proposal = proposed_workspace(campaign, robot, held)
     named = poses or NamedPoses((), Pose(np.zeros((0, 3)), np.zeros((0, 4))))
     pairs = zip(named.poses.position, named.poses.quaternion, strict=True)
-    commanded = [Commanded(exact(position), exact(quaternion)) for position, quaternion in pairs]
+    commanded = [Commanded(*map(exact, pair)) for pair in pairs]
     places = [named.poses]
     if workspace is not None:
         places.append(rotated(np.random.default_rng(1).uniform(workspace.lo, workspace.hi, (_SAMPLE, 6))))

@@ -54,10 +54,9 @@ def odd_rows(campaign: Campaign, x: Floats) -> list[str]:
     """
     if len(campaign) < _LEAST:
         return []
-    legs = range(1, campaign.legs + 1)
-    residuals = LegEquations.of(campaign, list(legs)).values(x)
+    residuals = LegEquations.of(campaign).values(x)
     far = np.zeros(residuals.shape, np.bool_)
-    for leg in legs:
+    for leg in range(1, campaign.legs + 1):
         allowed, off = reading_moves(campaign, leg, x[leg - 1]).sum(axis=1), np.abs(residuals[:, leg - 1])
         unit = allowed if (allowed > 0.0).all() else np.ones_like(allowed)
         least = _ROUNDING * float(np.abs(campaign.length[:, leg - 1] + x[leg - 1, 6]).max())

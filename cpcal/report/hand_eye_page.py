@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -138,7 +138,8 @@ def _forcing(found: HandEyeResult) -> Iterator[Section]:
 
 def known_frames(found: HandEyeResult) -> Iterator[Section]:
     """How well the frames are known: on the page and on a terminal."""
-    tolerance, ranges, called, rows = at_least(found.eps, 4), found.ranges, _FRAMES[found.setup], []
+    tolerance, ranges = at_least(found.eps, 4), found.ranges
+    rows, called = [], _FRAMES[found.setup]
     for name, at in (("best found", found.point), ("least squares", found.asked.center)):
         for frame, position, quaternion in (
             ("camera", at.camera_position, at.camera_quaternion),
@@ -210,14 +211,14 @@ def known_sentence(found: HandEyeResult) -> list[str]:
     """How accurate the calibration is, in mm at a point before the camera; nothing where no ranges are proved."""
     if found.ranges is None or found.ranges.known is None:
         return []
-    known, classical = found.ranges.known, found.asked.center
+    known = found.ranges.known
     ahead = not any(known.at[:2]) and known.at[2] > 0.0
     where = (
         f"A point {stated(known.at[2])} mm in front of the camera"
         if ahead
         else f"The point ({', '.join(map(stated, known.at))}) mm in the camera frame"
     )
-    apart, turned = _apart(found, known, classical.camera_position, classical.camera_quaternion)
+    (apart, *others), (turned, *_) = _apart(found, known)
     proved = "proved, if what you gave is true" if found.asked.known else "proved"
     unturned = "any turn" if known.turn >= 180.0 else f"{at_most(known.turn, 2)} degrees"
     said = [
@@ -226,8 +227,8 @@ def known_sentence(found: HandEyeResult) -> list[str]:
         f"{about(apart, 2)} mm and {about(turned, 2)} degrees from the best frames."
     ]
     if found.others:
-        away = {one.method: _apart(found, known, one.position, one.quaternion)[0] for one in found.others}
-        (best, least), *_, (worst, most) = sorted(away.items(), key=lambda one: one[1])
+        away = [(mm, one.method) for mm, one in zip(others, found.others, strict=True)]
+        (least, best), (most, worst) = min(away), max(away)
         beyond = [one.method for one in found.others if not found.ranges.hold(one)]
         said.append(
             f"OpenCV's methods put it {about(least, 2)} mm ({best}) to {about(most, 2)} mm ({worst}) from there; "
@@ -236,14 +237,15 @@ def known_sentence(found: HandEyeResult) -> list[str]:
     return said
 
 
-def _apart(
-    found: HandEyeResult, known: KnownPoint, position: Sequence[float], quaternion: Sequence[float]
-) -> tuple[float, float]:
-    """How far a camera puts the known point from where that of the best frames does, mm, and its turn in degrees."""
-    cameras = (found.point.camera_position, found.point.camera_quaternion), (position, quaternion)
-    poses = [Pose(np.array(place), normalised(turn)) for place, turn in cameras]
-    apart, turned = distances(*(Pose(transformed(pose, [known.at])[0], pose.quaternion) for pose in poses))
-    return float(apart), float(np.degrees(turned))
+def _apart(found: HandEyeResult, known: KnownPoint) -> tuple[list[float], list[float]]:
+    """How far the cameras of least squares, then of OpenCV's methods, put the known point from where that of the best
+    frames does, mm, and their turns, degrees."""
+    cameras = [(of.camera_position, of.camera_quaternion) for of in (found.point, found.asked.center)]
+    cameras += [(one.position, one.quaternion) for one in found.others]
+    place, turn = map(np.array, zip(*cameras, strict=True))
+    pose = Pose(transformed(Pose(place, normalised(turn)), [known.at])[:, 0], normalised(turn))
+    apart, turned = distances(pose.rows(slice(1, None)), pose.rows([0]))
+    return apart.tolist(), np.degrees(turned).tolist()
 
 
 def _others(found: HandEyeResult) -> Iterator[Section]:
@@ -251,11 +253,11 @@ def _others(found: HandEyeResult) -> Iterator[Section]:
     ranges = found.ranges
     if ranges is None or ranges.known is None or not found.others:
         return
-    rows = []
-    for one in found.others:
-        apart, turned = _apart(found, ranges.known, one.position, one.quaternion)
-        place = "not excluded" if ranges.hold(one) else "outside"
-        rows.append((one.method, about(apart, 2), about(turned, 2), place))
+    each = zip(found.others, *(values[1:] for values in _apart(found, ranges.known)), strict=True)
+    rows = [
+        (one.method, about(apart, 2), about(turned, 2), "not excluded" if ranges.hold(one) else "outside")
+        for one, apart, turned in each
+    ]
     said = (
         "Each from the poses that single images give. The point is that of the first sentence; its distance and turn "
         f"are from the best frames. No frames with a camera outside of the proved ranges explain every pixel to within "

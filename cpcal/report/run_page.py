@@ -439,7 +439,7 @@ def write_comparison(found: Compared, folder: StrPath, *, stopped: bool = False,
     """Write `compare.html`, headed by the campaign's title, beside the runs of the models; its path. The same results
     give the same bytes."""
     first = next(iter(found.values()))
-    at = first.options.tolerance
+    at, heading = first.options.tolerance, title or first.campaign.robot
     models = Section(
         "The models",
         data={
@@ -458,9 +458,9 @@ def write_comparison(found: Compared, folder: StrPath, *, stopped: bool = False,
         "To check the proofs again": (Mark("cpcal verify FOLDER --campaign CAMPAIGN", "command"), Mark(about, "small")),
     }
     page = Page(
-        f"{title or first.campaign.robot}: models compared",
+        f"{heading}: models compared",
         "models compared",
-        title or first.campaign.robot,
+        heading,
         [comparison_section(found), models, origin(rests)],
         ["Interrupted: what is shown was proved until then; the rest is missing."] if stopped else [],
         "" if at is None else f"Which models do the measurements refute at {stated(at)} mm?",
