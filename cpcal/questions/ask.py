@@ -163,8 +163,8 @@ def answered(
             except InputError:  # a full disk costs all certificates of the leg, and no answer
                 for path in paths:
                     path.unlink(missing_ok=True)
-                named = {name: getattr(leg, name) for name in ("recommended", "passes_from", "reduced", "ranges")}
-                parts = {name: replace(of, certificate=None) for name, of in named.items() if of is not None}
+                names = ("recommended", "passes_from", "reduced", "ranges")
+                parts = {k: replace(of, certificate=None) for k in names if (of := getattr(leg, k)) is not None}
                 bracket = replace(leg.bracket, certificate=None, proofs=(), point_certificate=None)
                 leg = replace(leg, **parts, bracket=bracket, not_certified=Uncertified.UNWRITTEN)
             done[leg.leg] = leg

@@ -97,8 +97,7 @@ def prepared_leg(
 ) -> PreparedLeg:
     """`center`: where it is known. `only`: some measurements. `highest`: eps up to that."""
     center = question.center(leg) if center is None else center
-    network = network_of(question, leg, center, highest)
-    network = of_measurements(network, only)
+    network = of_measurements(network_of(question, leg, center, highest), only)
     found = PreparedLeg(
         question=question,
         leg=leg,

@@ -8,7 +8,7 @@ import numpy as np
 
 from cpcal.calibration.fit import robust_scale
 from cpcal.common.numbers import about
-from cpcal.common.values import Floats
+from cpcal.common.values import Floats, Names, Numbers
 from cpcal.models import PLAIN, LegModel, ModelResiduals, reading_moves
 from cpcal.questions.result import Determination
 from cpcal.robot import Campaign, LegEquations
@@ -88,8 +88,8 @@ class DataCheck:
               meaningless
     """
 
-    findings: tuple[str, ...]
-    nominal: tuple[float, ...]
+    findings: Names
+    nominal: Numbers
     spread: Spread
     legs: tuple[Determination, ...]
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from cpcal.common.errors import unusable
 from cpcal.common.numbers import about, at_most, stated
-from cpcal.common.values import Floats, norms
+from cpcal.common.values import Floats, Names, Numbers, norms
 from cpcal.models import PLAIN, ModelResiduals, reading_moves
 from cpcal.models.frames import Tell
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy
@@ -201,7 +201,7 @@ class ChosenPose(NamedTuple):
     """
 
     name: str
-    widths: tuple[float, ...]
+    widths: Numbers
     widest: float
 
 
@@ -212,7 +212,7 @@ class NextImages(NamedTuple):
     reach: float
     before: ChosenPose
     chosen: tuple[ChosenPose, ...]
-    unseen: tuple[str, ...]
+    unseen: Names
 
 
 def next_images(
