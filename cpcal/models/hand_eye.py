@@ -16,6 +16,7 @@ import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -27,7 +28,7 @@ from cpcal.checker.hand_eye import STUDY_FORMAT
 from cpcal.common.documents import KeyPath, TomlReader, csv_table, document, json_object, one_of, text
 from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import StrPath, write_folder
-from cpcal.common.values import Floats, Indices, Names, Value, fill, frozen_array
+from cpcal.common.values import Floats, Indices, Names, Numbers, Value, fill, frozen_array
 from cpcal.files.log import poses_of_log, read_log
 from cpcal.files.tables import Table, read_table
 from cpcal.robot import Pose, compose, inverse, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
@@ -280,18 +281,13 @@ def load_hand_eye(path: StrPath) -> HandEyeStudy:
     reader = TomlReader.opened(folder / HANDEYE_NAME, HANDEYE_FORMAT, ("study",), problems, _ABSENT)
     provenance = {} if reader is None else reader.provenance()
     said = None if reader is None else reader.section("study", {"setup": one_of(SETUPS), "camera": _camera_file})
-    camera = None
-    try:
-        if said is not None:
-            camera = load_camera(folder / said["camera"]).camera
-    except InputError as error:
-        for problem in error.problems:
-            problems.add(problem)
+    record = None if said is None else problems.of(partial(load_camera, folder / said["camera"]))
     poses = _table(folder / POSES_NAME, POSE_COLUMNS, list(POSE_WIDTHS), problems)
     points = _table(folder / POINTS_NAME, POINT_COLUMNS, ["du"], problems)
     problems.raise_any(_SEE)
     assert said is not None  # what keeps these from being read is a problem, and was raised
-    assert camera is not None
+    assert record is not None
+    camera = record.camera
     where, number = str(folder / POINTS_NAME), {name: k for k, name in enumerate(poses.names["image"])}
     for name in sorted(set(points.names["image"]) - set(number)):
         problems.add(Problem(where, f"the image {shown(name)} has no pose", f"add it to {POSES_NAME}"))
@@ -349,8 +345,13 @@ def load_hand_poses(
     pose = Pose(position, quaternion)
     if base_in_hand:
         pose = inverse(pose)
-    rows = np.concatenate([pose.position, pose.quaternion], axis=1).tolist()
-    return {name: tuple(row) for name, row in zip(given, rows, strict=True)}
+    return by_name(given, pose)
+
+
+def by_name(names: Sequence[str], poses: Pose) -> dict[str, Numbers]:
+    """x, y, z (mm), qw, qx, qy, qz of poses (n)."""
+    rows = np.concatenate([poses.position, poses.quaternion], axis=1).tolist()
+    return dict(zip(names, map(tuple, rows), strict=True))
 
 
 def _camera_file(reader: TomlReader, path: KeyPath, value: object) -> str:

@@ -33,6 +33,7 @@ from cpcal.vision.opencv import MissingExtraError, opencv
 
 PARAMETERS = 12  # rotation vector of E (rad, camera frame), its translation, then those of F (frame of its values)
 READING = 6  # unknowns of a reading: d and w
+_NOWHERE = np.zeros(3)
 
 
 class ReadFrames(NamedTuple):
@@ -130,9 +131,13 @@ class PixelModel:
             frames = frames._replace(e_translation=-frames.e_rotation @ camera, f_translation=target)
         return ReadFrames(frames, readings)
 
-    def fixed(self, at: ReadFrames) -> Floats:
-        """Derivatives (k, 12) of positions whose ends are equal by the motions of the frames."""
-        return np.asarray(places(at.frames)[1][self.given[0] == self.given[1]])
+    def free(self, at: ReadFrames, arm: Floats = _NOWHERE) -> Floats:
+        """(12, m): steps of the frames that do not move positions whose ends are equal, orthonormal where E turns about
+        the place from which its own is off by the `arm`, mm."""
+        turning = np.eye(PARAMETERS)
+        turning[3:6, :3] = -cross_matrix(arm)
+        fixed = places(at.frames)[1][self.given[0] == self.given[1]] @ turning
+        return np.asarray(turning @ np.linalg.svd(fixed)[2][len(fixed) :].T)
 
     def reach(self, at: ReadFrames) -> Floats:
         """What counts as a step of one in each unknown: a turn of 1 rad, and the way that it moves a point."""
@@ -142,9 +147,9 @@ class PixelModel:
 
     def room(self, at: ReadFrames) -> tuple[Floats, Floats]:
         """Least and greatest step (size,) that the half-widths leave."""
-        width, free = self.study.pose_half_width[: self._images], np.full(PARAMETERS, np.inf)
-        low, high = (-width - at.readings[: self._images]).ravel(), (width - at.readings[: self._images]).ravel()
-        return np.concatenate([-free, low]), np.concatenate([free, high])
+        width, readings = self.study.pose_half_width[: self._images], at.readings[: self._images]
+        free = np.full(PARAMETERS, np.inf)
+        return np.append(-free, -width - readings), np.append(free, width - readings)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -181,7 +186,7 @@ def _weighted_fit(
 
     def blocks(at: ReadFrames) -> Blocks:
         by_frames, own = (block / pixel for block in model.blocks(at))
-        by_frames = by_frames @ across(model.fixed(at))
+        by_frames = by_frames @ model.free(at)
         off = model(at) / pixel
         alone = of_images(own[:, :, None] * own[:, None, :]) + np.eye(READING) / deviation[:, None] ** 2
         side = -of_images(own * off[:, None]) - at.readings / deviation**2
@@ -189,21 +194,16 @@ def _weighted_fit(
         return Blocks(by_frames.T @ by_frames, -by_frames.T @ off, mixed, alone, side)
 
     def moved(at: ReadFrames, step: Floats) -> ReadFrames:
-        steps = across(model.fixed(at))
-        return model.moved(at, np.concatenate([steps @ step[: steps.shape[1]], step[steps.shape[1] :]]))
+        free = model.free(at)
+        return model.moved(at, np.append(free @ step[: free.shape[1]], step[free.shape[1] :]))
 
     at = least_squares(residual, blocks, start, tolerance=1e-12, moved=moved, steps=_STEPS).at
-    found, steps = blocks(at), across(model.fixed(at))
+    found, free = blocks(at), model.free(at)
     covariance = _inverse(found.reduced()[0])
     inverse_ = np.linalg.inv(found.own)
     carried = inverse_ @ found.mixed
     variance = inverse_ + carried @ covariance @ np.swapaxes(carried, 1, 2)
-    return at, steps @ covariance @ steps.T, np.diagonal(variance, axis1=1, axis2=2)
-
-
-def across(fixed: Floats) -> Floats:
-    """(12, m): steps that change nothing of what has these derivatives (k, 12)."""
-    return np.asarray(np.linalg.svd(fixed)[2][len(fixed) :].T if len(fixed) else np.eye(PARAMETERS))
+    return at, free @ covariance @ free.T, np.diagonal(variance, axis1=1, axis2=2)
 
 
 _STEPS = 100
@@ -264,17 +264,18 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
     at, covariance = _fitted(replace(study, known=()), at, alone)
     rms = float(np.sqrt(np.mean(model(at) ** 2)))
     remarks = _weak_directions(study.setup, at.frames, covariance)
-    if not study.uncertain and 0.0 < _APART * alone < rms:
+    if not study.uncertain and _LEAST_PIXEL < alone < rms / _APART:
         remarks.append(
             f"Single images fit to {nearest(alone, 2)} px rms, all together to {nearest(rms, 2)} px: the robot's poses "
             "are off by more than the pixels. cpcal handeye certify --off estimated asks with exact poses, and with "
             "poses that may be off."
         )
-    free, (at, covariance) = places(at.frames)[0], _within_given(study, at, covariance, alone)
+    free = dict(zip(GIVEN, places(at.frames)[0].tolist(), strict=True))
+    at, covariance = _within_given(study, at, covariance, alone)
     residuals = model(at)
     with_given = float(np.sqrt(np.mean(residuals**2)))
     if with_given**2 > max(rms, _LEAST_PIXEL) ** 2 * (1.0 + _CONTRADICTS**2 / len(residuals)):
-        others = ", ".join(f"{name} at {nearest(free[list(GIVEN).index(name)], 4)} mm" for name, *_ in study.known)
+        others = ", ".join(f"{name} at {nearest(free[name], 4)} mm" for name, *_ in study.known)
         remarks.append(
             "The data contradict the given values: least squares fits to "
             f"{nearest(with_given, 3)} px rms with them, to {nearest(rms, 3)} px without, with {others}."
@@ -292,21 +293,21 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
 def _within_given(study: HandEyeStudy, at: ReadFrames, covariance: Floats, alone: float) -> tuple[ReadFrames, Floats]:
     """Least squares again, from its answer, with positions that lie beyond what is known held at its nearer ends while
     the data press them there; each is let go once at most."""
-    (low, high), names, model, ends = study.given, list(GIVEN), PixelModel(study), dict[int, float]()
-    released = set[int]()
+    (low, high), names, model = study.given, list(GIVEN), PixelModel(study)
+    ends, released = dict[int, float](), set[int]()
     while True:
         place, slope = places(at.frames)
         nearer, residuals = np.clip(place, low, high), model(at)
         beyond = {k: float(nearer[k]) for k in range(len(names)) if k not in ends and abs(place - nearer)[k] > _BEYOND}
+        # by how much the squares would fall, to first order, on the way to the other end
         rising = np.linalg.lstsq(slope[[*ends]].T, model.blocks(at)[0].T @ residuals)[0]
-        inward = {k: (high - low)[k] * (1 if end == low[k] else -1) for k, end in ends.items()}
-        gained = [(-up * inward[k], k) for k, up in zip(ends, rising, strict=True) if k not in released]
-        gain, k = max(gained, default=(0.0, 0))
+        falls = {k: up * (2.0 * end - low[k] - high[k]) for (k, end), up in zip(ends.items(), rising, strict=True)}
+        most = max(falls.keys() - released, key=falls.__getitem__, default=None)
         if beyond:
             ends |= beyond
-        elif gain > _STILL * float(residuals @ residuals):
-            released.add(k)
-            del ends[k]
+        elif most is not None and falls[most] > _STILL * float(residuals @ residuals):
+            released.add(most)
+            del ends[most]
         else:
             return at, covariance
         part = replace(study, known=tuple((names[k], end, end) for k, end in ends.items()))
@@ -325,27 +326,23 @@ def _fitted(study: HandEyeStudy, start: ReadFrames, alone: float) -> tuple[ReadF
     def arm(at: ReadFrames) -> Floats:
         return np.asarray(at.frames.e_translation - exact.in_camera(at).mean(axis=0))
 
-    def turned(slope: Floats, at: ReadFrames) -> Floats:
-        slope[:, :3] -= slope[:, 3:6] @ cross_matrix(arm(at))
-        return slope
-
     def jacobian(at: ReadFrames) -> Floats:
-        return turned(exact.jacobian(at), at) @ across(turned(exact.fixed(at), at))
+        return exact.jacobian(at) @ exact.free(at, arm(at))
 
     def moved(at: ReadFrames, step: Floats) -> ReadFrames:
-        step = across(turned(exact.fixed(at), at)) @ step
-        turn, shifted = rotation_matrix(quaternion_from_rotation_vector(step[:3])), step.copy()
-        center = arm(at)
-        shifted[3:6] += turn @ center - center
-        return exact.moved(at, shifted)
+        step, before = exact.free(at, arm(at)) @ step, arm(at)
+        after = rotation_matrix(quaternion_from_rotation_vector(step[:3])) @ before
+        step[3:6] += after - before - np.cross(step[:3], before)  # what a turn does beyond first order
+        return exact.moved(at, step)
 
     at = least_squares(exact, jacobian, start, tolerance=1e-13, moved=moved, steps=_STEPS).at
-    steps = across(exact.fixed(at))
-    covariance = steps @ _covariance(exact.jacobian(at) @ steps, model(at)) @ steps.T
     if study.uncertain:
         deviation = np.maximum(study.pose_half_width, _LEAST_GAIN) / np.sqrt(3.0)
-        at, covariance, _ = _weighted_fit(model, at, max(alone, _LEAST_PIXEL), deviation)
-    return at, covariance
+        return _weighted_fit(model, at, max(alone, _LEAST_PIXEL), deviation)[:2]
+    residuals, free = exact(at), exact.free(at)
+    slope = exact.jacobian(at) @ free
+    variance = float(residuals @ residuals) / max(len(residuals) - PARAMETERS, 1)
+    return at, variance * free @ _inverse(slope.T @ slope) @ free.T
 
 
 _ROUNDS, _STILL = 50, 1e-3  # of deviations that are estimated, and what they may change by in the last one
@@ -412,9 +409,10 @@ def opencv_answers(study: HandEyeStudy) -> dict[str, Pose]:
     if not hasattr(cv2, "calibrateHandEye"):
         return {}
     kept, seen, _ = image_poses(study)
-    hand, found = study.poses.rows(np.array(kept)), dict[str, Pose]()
-    hand = hand if study.setup == "eye-in-hand" else inverse(hand)  # to OpenCV the camera is always on the hand
-    base, board = inverse(hand), (seen.rotation, seen.position)
+    base, found = study.poses.rows(np.array(kept)), dict[str, Pose]()
+    if study.setup == "eye-in-hand":  # to OpenCV the camera is always on the hand
+        base = inverse(base)
+    hand, board = inverse(base), (seen.rotation, seen.position)
     for name in (*_OF_HAND, *_OF_BOTH):
         try:
             if name in _OF_HAND:
@@ -463,10 +461,6 @@ def _pose(study: HandEyeStudy) -> Fit[ReadFrames]:
     )  # fmt: skip
 
 
-def _covariance(slope: Floats, residuals: Floats) -> Floats:
-    return np.asarray(float(residuals @ residuals) / max(len(residuals) - PARAMETERS, 1) * _inverse(slope.T @ slope))
-
-
 def _inverse(normal: Floats) -> Floats:
     """Of a normal matrix: what it leaves open is very large in it, and not 0."""
     scale = np.sqrt(np.diagonal(normal))
@@ -479,10 +473,8 @@ def _weak_directions(setup: Setup, frames: HandEyeFrames, covariance: Floats) ->
     slope = places(frames)[1]
     hand, base = ("hand", "base") if setup == "eye-in-hand" else ("base", "hand")
     said = []
-    for name, frame, of in (
-        ("camera", hand, slope[:3] @ covariance @ slope[:3].T), ("target", base, covariance[9:, 9:])
-    ):  # fmt: skip
-        squares, axes = np.linalg.eigh(of)
+    for name, frame, by in (("camera", hand, slope[:3]), ("target", base, slope[3:])):
+        squares, axes = np.linalg.eigh(by @ covariance @ by.T)
         across, along = np.sqrt(np.maximum(squares[1:], 0.0)).tolist()
         if along > _WEAK * across:
             far = f"to {nearest(along, 2)} mm" if along < _OPEN else "not at all"
@@ -516,12 +508,11 @@ def minimax_fit(model: PixelModel, at: ReadFrames, *, restarts: int = _RESTARTS)
     best, value = _descent(model, at, _TRUSTED)
     for attempt in range(restarts):
         again, lower = _descent(model, best, _TRUSTED * 0.2**attempt)
-        if lower < value:
-            better = value - lower > 1e-12 * value
+        before = value
+        if lower < before:
             best, value = again, lower
-            if better:
-                continue
-        break
+        if before - lower <= 1e-12 * before:
+            break
     return best, value
 
 
@@ -554,15 +545,15 @@ def _step(model: PixelModel, at: ReadFrames, reach: Floats, worst: float) -> tup
     slope, residuals = model.jacobian(at) * reach, model(at)
     width = np.tile(model.study.half_width, 2)
     scale = max(worst, 1e-9)
-    matrix = np.concatenate([slope, -slope]) / scale
-    matrix = np.concatenate([matrix, -np.ones((len(matrix), 1))], axis=1)
+    matrix = np.pad(np.concatenate([slope, -slope]) / scale, ((0, 0), (0, 1)), constant_values=-1.0)
     rhs = np.concatenate([width - residuals, width + residuals]) / scale
     if model.study.known:
-        (place, by), ends = places(at.frames), model.given
-        room, moved = np.concatenate([ends[1] - place, place - ends[0]]), np.zeros((2 * len(by), matrix.shape[1]))
-        moved[:, :PARAMETERS] = np.concatenate([by, -by]) * reach[:PARAMETERS]
-        matrix = np.concatenate([matrix, moved[np.isfinite(room)]])
-        rhs = np.append(rhs, room[np.isfinite(room)])
+        (place, by), (least, most) = places(at.frames), model.given
+        room = np.concatenate([most - place, place - least])
+        known = np.isfinite(room)
+        limits = np.concatenate([by, -by])[known] * reach[:PARAMETERS]
+        matrix = np.concatenate([matrix, np.pad(limits, ((0, 0), (0, matrix.shape[1] - PARAMETERS)))])
+        rhs = np.append(rhs, room[known])
     size = np.abs(matrix).max(axis=1)
     low, high = (np.clip(end / reach, -1.0, 1.0) for end in model.room(at))
     low, high, cost = np.append(low, 0.0), np.append(high, 2.0), np.append(np.zeros(model.size), 1.0)

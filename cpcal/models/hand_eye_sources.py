@@ -12,7 +12,7 @@ import numpy as np
 from cpcal.common.errors import InputError, unusable
 from cpcal.common.numbers import at_most, nearest, stated
 from cpcal.common.values import Floats, Numbers
-from cpcal.models.hand_eye import SETUPS, HandEyeStudy, Setup, study_of_board
+from cpcal.models.hand_eye import SETUPS, HandEyeStudy, Setup, by_name, study_of_board
 from cpcal.models.hand_eye_fit import classical_answer, estimated_half_widths
 from cpcal.robot import (
     Pose,
@@ -135,9 +135,7 @@ def platform_poses(study: Study) -> dict[str, Numbers]:
 
     x, y, z in mm, then a unit quaternion, scalar first. Raises KinematicsError where the drawing cannot reach readings.
     """
-    found = _poses(study)
-    rows = np.concatenate([found.position, found.quaternion], axis=1).tolist()
-    return {name: tuple(row) for name, row in zip(study.calibration.row_ids, rows, strict=True)}
+    return by_name(study.calibration.row_ids, _poses(study))
 
 
 def _poses(study: Study) -> Pose:

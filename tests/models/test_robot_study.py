@@ -44,6 +44,7 @@ def test_what_four_configurations_leave_open_is_said_and_has_no_negative_varianc
     assert (np.diagonal(found.covariance) > 0.0).all()
     assert [said for said in found.remarks if "not at all" in said] == list(found.remarks)
     assert len(found.remarks) == 2
+    assert not any("--off estimated" in said for said in classical_answer(four.exactly()).remarks)
 
 
 def test_the_frames_of_the_simulation_lie_in_the_ranges(case, frames):

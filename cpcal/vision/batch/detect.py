@@ -302,8 +302,7 @@ class Detection:
 
 def values_of(detections: Iterable[Detection]) -> Floats:
     """(m, 24): the numbers of those that have a pose."""
-    rows = [d.values for d in detections if d.found]
-    return np.array(rows, np.float64).reshape(len(rows), len(NUMBERS))
+    return np.array([d.values for d in detections if d.found], np.float64).reshape(-1, len(NUMBERS))
 
 
 def detections_bytes(detections: Iterable[Detection]) -> bytes:

@@ -38,12 +38,10 @@ def grey_levels(image: object) -> Grey:
         raise unusable("image", problem, _REMEDY)
     assert isinstance(image, np.ndarray)
     pixels: AnyArray = image.astype(image.dtype.newbyteorder("="), copy=False)
-    if pixels.ndim == 3:
-        cv2 = opencv()
-        pixels = pixels[..., 0] if pixels.shape[2] == 1 else pixels[..., :3]
-        pixels = np.ascontiguousarray(pixels)
-        if pixels.ndim == 3:
-            pixels = cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
+    if pixels.ndim == 3 and pixels.shape[2] > 1:
+        pixels = opencv().cvtColor(np.ascontiguousarray(pixels[..., :3]), opencv().COLOR_BGR2GRAY)
+    elif pixels.ndim == 3:
+        pixels = pixels[..., 0]
     return np.ascontiguousarray(pixels)
 
 
