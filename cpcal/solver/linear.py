@@ -301,17 +301,6 @@ def residual(v: Vertex) -> float:
 
 
 @compiled
-def exact_point(v: Vertex, rhs: Floats, out: Floats) -> None:
-    """Where the tight constraints meet, their right sides as they are."""
-    out[:] = 0.0
-    for k in range(out.size):
-        constraint = v.tight[k]
-        b = rhs[v.number[constraint]] if constraint >= 0 else side(v, constraint)
-        for j in range(out.size):
-            out[j] += b * v.inverse[j, k]
-
-
-@compiled
 def spread(k: int) -> float:
     """Numbers in [1, 2) that look like random ones."""
     value = k * 0.6180339887498949 + 0.5
@@ -661,7 +650,12 @@ def _solved(
                 carrying[k, size], weights[k, size] = v.number[v.tight[i]], v.multipliers[i]
                 size += 1
         if status[k] == OPTIMAL:
-            exact_point(v, rhs, points[k])
+            points[k] = 0.0  # where the tight constraints meet, their right sides as they are
+            for i in range(n):
+                constraint = v.tight[i]
+                b = rhs[v.number[constraint]] if constraint >= 0 else side(v, constraint)
+                for j in range(n):
+                    points[k, j] += b * v.inverse[j, i]
             for i in range(n):
                 reach[0, i] = min(reach[0, i], points[k, i])
                 reach[1, i] = max(reach[1, i], points[k, i])

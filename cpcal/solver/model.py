@@ -247,8 +247,8 @@ def choice_to_solve(network: ConstraintNetwork, deadline: float = math.inf) -> C
         methods.append(SearchMethod(("lifted", "newton"), "largest", _LIFTED_SLICE, begins=1))
     else:
         methods.append(SearchMethod(("hc4", "cid", "newton"), "smear-relative", slow, begins=1))
-    if not lifted and unknowns <= _DENSE_UNKNOWNS:
-        methods.append(SearchMethod(("hc4", "newton", "beaumont"), "smear-relative", slow, begins=1))
+        if unknowns <= _DENSE_UNKNOWNS:
+            methods.append(SearchMethod(("hc4", "newton", "beaumont"), "smear-relative", slow, begins=1))
     kind = "polynomial" if lifted else "not polynomial, or with too many products for lifted"
     return Choice(tuple(methods), f"{unknowns} equations in as many unknowns, {kind}", more)
 

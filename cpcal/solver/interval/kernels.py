@@ -103,19 +103,6 @@ def quotient_above(a: float, b: float) -> float:
 
 
 @compiled
-def root_below(a: float) -> float:
-    """A bound of the square root of a >= 0. It is never subnormal, so that zero stays zero."""
-    v = min(math.sqrt(a), MAX) if a == math.inf else math.sqrt(a)
-    return v - v * PHI
-
-
-@compiled
-def root_above(a: float) -> float:
-    v = math.sqrt(a)
-    return v + v * PHI
-
-
-@compiled
 def rounded_power(m: float, n: int, up: bool) -> float:
     """A bound of m ** n for n != 0 and m >= 0, m > 0 where n < 0.
 
@@ -286,10 +273,11 @@ def sqr(a: Bounds) -> Bounds:
 
 @compiled
 def sqrt(a: Bounds) -> Bounds:
-    """Of the part that is not negative."""
+    """Of the part that is not negative. The square root is never subnormal, so that zero stays zero."""
     if not (a[0] <= a[1] and a[1] >= 0.0):
         return EMPTY
-    return root_below(a[0]) if a[0] > 0.0 else 0.0, root_above(a[1])
+    low, high = min(math.sqrt(a[0]), MAX) if a[0] > 0.0 else 0.0, math.sqrt(a[1])
+    return low - low * PHI, high + high * PHI
 
 
 @compiled

@@ -144,14 +144,6 @@ def either_sign(x: Bounds, r: Bounds) -> Bounds:
 
 
 @compiled
-def _power_argument(n: int, z: Bounds, a: Bounds) -> Bounds:
-    if n == 0:
-        return a
-    r = root(div(ONE, z) if n < 0 else z, abs(n))
-    return r if n % 2 else either_sign(a, r)
-
-
-@compiled
 def _at_least(z: Bounds, other: Bounds) -> Bounds:
     """An argument of a minimum in z: at least z, and in z where the other argument can not be the minimum."""
     return z[0], z[1] if other[0] > z[1] else math.inf
@@ -204,8 +196,9 @@ def first_argument(code: int, n: int, z: Bounds, a: Bounds, b: Bounds) -> Bounds
         return sqr((max(z[0], 0.0), z[1]))
     if code == DIV:
         return mul(z, b)
-    if code == POWER:
-        return _power_argument(n, z, a)
+    if code == POWER and n != 0:  # of x^0 nothing is concluded
+        r = root(div(ONE, z) if n < 0 else z, abs(n))
+        return r if n % 2 else either_sign(a, r)
     if code == ABS:
         return either_sign(a, (max(z[0], 0.0), z[1]))
     if code == MIN:
@@ -241,14 +234,6 @@ def _share_of_smaller(a: Bounds, b: Bounds) -> Partials:
 
 
 @compiled
-def _times_power(n: int, a: Bounds) -> Bounds:
-    """n a^(n-1)"""
-    if n == 0:
-        return 0.0, 0.0
-    return mul((float(n), float(n)), power(a, n - 1))
-
-
-@compiled
 def _of_angle(y: Bounds, x: Bounds) -> Partials:
     """x / (x^2 + y^2) and -y / (x^2 + y^2); nothing is known across the cut."""
     if not (x[0] > 0.0 or y[0] > 0.0 or y[1] < 0.0):
@@ -267,7 +252,7 @@ def _derivative(code: int, n: int, z: Bounds, a: Bounds) -> Bounds:
     if code == SQRT:
         return div((0.5, 0.5), z)
     if code == POWER:
-        return _times_power(n, a)
+        return mul((float(n), float(n)), power(a, n - 1)) if n != 0 else (0.0, 0.0)
     if code == ABS:
         return 1.0 if a[0] >= 0.0 and a[1] > 0.0 else -1.0, -1.0 if a[1] <= 0.0 and a[0] < 0.0 else 1.0
     if code == EXP:

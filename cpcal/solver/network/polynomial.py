@@ -257,22 +257,16 @@ def one_sided(number: int, constraint: Constraint) -> list[Row]:
     """`lower <= body <= upper` as at most two rows; infinite bounds give none."""
     rows = []
     for bound, sign in ((constraint.upper, 1.0), (constraint.lower, -1.0)):
-        body, elements = constraint.body, _bounded(bound, constraint.body.shape, sign)
-        if elements is not None and not elements.size:
+        body = constraint.body
+        idle = np.broadcast_to(bound.op == "constant" and bound.data.lo == sign * np.inf, body.shape).ravel()
+        if idle.all():
             continue
+        elements = np.flatnonzero(~idle) if idle.any() else None
         if elements is not None:
             where = np.unravel_index(elements, body.shape)
             body, bound = body[where], as_expr(bound.data.broadcast_to(body.shape)[where])
         rows.append(Row(body - bound if sign > 0.0 else bound - body, number, elements=elements))
     return rows
-
-
-def _bounded(bound: Expr, shape: Shape, sign: float) -> Indices | None:
-    """The flat elements whose bound says something; None for all of them."""
-    if bound.op != "constant":
-        return None
-    idle = np.broadcast_to(bound.data.lo == sign * np.inf, shape).ravel()
-    return np.flatnonzero(~idle) if idle.any() else None
 
 
 def one_sided_rows(network: ConstraintNetwork) -> list[Row]:

@@ -18,7 +18,7 @@ import numpy as np
 from cpcal.common.values import Floats, Indices, Names
 from cpcal.solver.accounts import ContractorUse, Found, RowUse, Uses, bracket_sentence, total_use
 from cpcal.solver.compiled import TimeUp, compiling_until
-from cpcal.solver.contract import Contraction, Contractor, Limits, Named, Row, Step, Strategy, Verdict, shrunk
+from cpcal.solver.contract import Contraction, Limits, Named, Row, Step, Strategy, Verdict, shrunk
 from cpcal.solver.execution.checkpoint_file import Line
 from cpcal.solver.execution.executors import Place, Shared
 from cpcal.solver.execution.stopping import Stopped, asked
@@ -249,14 +249,13 @@ def _abreast(pending: int) -> int:
 def minimize(
     network: ConstraintNetwork,
     objective: str,
-    contractors: Contractor | Sequence[Named],
+    contractors: Sequence[Named],
     *,
     limits: Limits,
     domain: Box | None = None,
     start: Floats | None = None,
     best: Known | None = None,
     prepared: Prepared | None = None,
-    strategy: Strategy | None = None,
     enclose: bool = True,
     prover: StepProver | None = None,
     observe: Observer | None = None,
@@ -280,11 +279,10 @@ def minimize(
     index = network.names.index(objective)
     clock = limits.clock()
     domain = network.domain if domain is None else domain
-    strategy = strategy or LargestFirst(scale=np.where(domain.rad > 0.0, domain.rad, 1.0), skip=(objective,))
-    named = contractors if isinstance(contractors, Sequence) else [("", contractors)]
+    strategy = LargestFirst(scale=np.where(domain.rad > 0.0, domain.rad, 1.0), skip=(objective,))
     prepared = prepared or Prepared(network, objective)
     incumbent = Incumbent(prepared, limits, clock.deadline, domain, best)
-    process = Bounding(incumbent, Contracting(named, prover, clock.deadline), strategy, enclose, place)
+    process = Bounding(incumbent, Contracting(contractors, prover, clock.deadline), strategy, enclose, place)
     root = Piece(domain, Branch(domain, fresh=True))
     search = Search([root], process, lambda node: float(node.box.lo[index]), abreast=_abreast)
     tally, kept_from = Tally(), np.inf  # and the objective's lowest bound in what was kept

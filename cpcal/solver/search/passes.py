@@ -196,14 +196,12 @@ class Divide:
         lower[np.arange(len(rows)), component[rows]] = cut[rows]
         pairs = zip(Box.rows(names, lo[rows], upper), Box.rows(names, lower, hi[rows]), strict=True)
         halves = dict(zip(rows.tolist(), pairs, strict=True))
-        return [self._decision(box, halves.get(k, ())) for k, box in enumerate(boxes)]
-
-    @staticmethod
-    def _decision(box: Box, halves: tuple[Box, ...]) -> Decision:
-        if box.is_empty:
-            return Decision(EventKind.PRUNED, Contraction(box))
-        kind = EventKind.SPLIT if halves else EventKind.KEPT
-        return Decision(kind, Contraction(box), tuple(map(Piece, halves or (box,))))
+        decisions = []
+        for k, box in enumerate(boxes):
+            kind = EventKind.PRUNED if box.is_empty else EventKind.SPLIT if k in halves else EventKind.KEPT
+            pieces = () if box.is_empty else halves.get(k, (box,))
+            decisions.append(Decision(kind, Contraction(box), tuple(map(Piece, pieces))))
+        return decisions
 
     def __call__(self, node: Node) -> Decision:
         before = node.box if node.state is None else node.state

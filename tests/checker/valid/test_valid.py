@@ -277,7 +277,7 @@ def test_a_certificate_that_cannot_be_written_does_not_lose_the_answer(tmp_path:
 
 def test_a_search_that_found_no_point_yet_does_not_claim_that_there_is_none() -> None:
     net = problem()
-    states = minimize(net, "eps", HC4(net), limits=Limits(nodes=1))
+    states = minimize(net, "eps", [("hc4", HC4(net))], limits=Limits(nodes=1))
     nothing = replace(run(states, None), witness=None, hi=np.inf)
     for lo, infeasible in ((0.25, False), (np.inf, True)):
         claims = claims_of(replace(nothing, lo=lo), net.domain, "eps")

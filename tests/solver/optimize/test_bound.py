@@ -93,7 +93,7 @@ def test_known_optima(make: Callable[[], Problem]) -> None:
     net, objective, optimum = make()
     contractor = Lifted(net, objective=objective)
     limits = Limits(nodes=400)
-    found = checked(minimize(net, objective, contractor, limits=limits), optimum)
+    found = checked(minimize(net, objective, [("", contractor)], limits=limits), optimum)
     assert found.verdict is Verdict.PROVED
     assert found.hi - found.lo <= 1.01e-6 * abs(found.hi)
     assert found.witness is not None
@@ -110,7 +110,7 @@ def test_known_optima(make: Callable[[], Problem]) -> None:
 def test_brackets_are_valid_when_a_limit_stops_the_search(make: Callable[[], Problem], nodes: int) -> None:
     net, objective, optimum = make()
     limits = Limits(nodes=nodes, gap=0.0, gap_absolute=0.0)
-    states = minimize(net, objective, HC4(net), limits=limits)
+    states = minimize(net, objective, [("", HC4(net))], limits=limits)
     found = checked(states, optimum)
     assert found.nodes == nodes
     assert found.verdict is Verdict.UNKNOWN
