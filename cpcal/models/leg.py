@@ -17,7 +17,6 @@ from functools import lru_cache, partial
 from typing import Annotated, NamedTuple, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.checker.certificate import Given, polynomial
 from cpcal.checker.leg import Measurement, leg_problem
@@ -26,7 +25,7 @@ from cpcal.common.errors import InputError, ModelError, PluginError, Problem, un
 from cpcal.common.least_squares import least_squares
 from cpcal.common.numbers import nearest
 from cpcal.common.numbers import stated as as_stated
-from cpcal.common.values import BACK, FORTH, Floats
+from cpcal.common.values import BACK, FORTH, ArrayLike, Floats
 from cpcal.files import campaign_sha256
 from cpcal.robot import Campaign, LegEquations, leg_vectors
 from cpcal.robot.kinematics import rotation_numerators
@@ -74,7 +73,7 @@ class Measured:
     position: Expr
     length: Expr
     vector: Expr
-    rotate: Callable[[npt.ArrayLike], Expr]
+    rotate: Callable[[ArrayLike], Expr]
     drawn: Drawn
 
 
@@ -102,7 +101,7 @@ class LegModel:
         return (*PARAMETERS, *(p.name for p in self.extra))
 
     @property
-    def half_widths(self) -> npt.NDArray[np.float64]:
+    def half_widths(self) -> Floats:
         """Of the extra parameters, in their units."""
         return np.array([p.half_width for p in self.extra], np.float64)
 
@@ -282,7 +281,7 @@ SAG = LegModel(
 # an unknown of the network.
 
 
-def leg_box(center: npt.ArrayLike, delta: float, model: LegModel = PLAIN) -> Box:
+def leg_box(center: ArrayLike, delta: float, model: LegModel = PLAIN) -> Box:
     """X0: (a, b, l) within `delta` mm of the first seven of `center`, extra parameters within their half-widths of 0.
 
     Rounded outward.
@@ -355,7 +354,7 @@ def leg_equation(
     radius = campaign.rotation_radius
     s = net.reading(np.zeros_like(radius), 0.5 * radius) if radius.any() else None  # |2 s_i| <= radius_i
 
-    def rotate(u: npt.ArrayLike | Expr) -> Expr:
+    def rotate(u: ArrayLike | Expr) -> Expr:
         v = matrix @ (u if isinstance(u, Expr) else as_expr(np.asarray(u, np.float64)))
         return v if s is None else turned_rows(s, v)
 
@@ -505,11 +504,11 @@ class ModelResiduals:
             equation.network.add(equation.body <= 0.0)
             self._rows = Rows(equation.network)
 
-    def values(self, x: npt.ArrayLike) -> Floats:
+    def values(self, x: ArrayLike) -> Floats:
         at = np.asarray(x, np.float64)
         return self._rows.linearize(at).values if self._plain is None else self._plain.values(at[None])[:, 0]
 
-    def jacobian(self, x: npt.ArrayLike) -> Floats:
+    def jacobian(self, x: ArrayLike) -> Floats:
         at = np.asarray(x, np.float64)
         return self._rows.linearize(at).jacobian if self._plain is None else self._plain.by_parameters(at[None])[:, 0]
 
@@ -521,7 +520,7 @@ def _with_sets(campaign: Campaign, factor: float) -> Campaign:
     return campaign if factor == 1.0 else replace(campaign, uncertainty=None, **wider)
 
 
-def model_residuals(campaign: Campaign, leg: int, x: npt.ArrayLike, model: LegModel = PLAIN) -> Floats:
+def model_residuals(campaign: Campaign, leg: int, x: ArrayLike, model: LegModel = PLAIN) -> Floats:
     """`g(x, M_k)` in mm (N,) at the centres of the reading sets, in plain floating point."""
     return ModelResiduals(campaign, leg, model).values(x)
 
@@ -571,7 +570,7 @@ def reading_range(campaign: Campaign, leg: int, model: LegModel, x: Floats, fact
     return IntervalArray(np.full(len(campaign), -np.inf), np.full(len(campaign), np.inf))
 
 
-def reading_moves(campaign: Campaign, leg: int, x: npt.ArrayLike) -> Floats:
+def reading_moves(campaign: Campaign, leg: int, x: ArrayLike) -> Floats:
     """(N, 7) mm: how far the half-widths of x, y, z, the three turns and the length move g of the plain model at
     (a, b, l), to first order."""
     by_pose = LegEquations.of(campaign, [leg]).by_pose(np.asarray(x, np.float64)[None, :7])[:, 0]

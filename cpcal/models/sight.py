@@ -29,7 +29,6 @@ from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.checker import FORMAT, Refused
 from cpcal.checker.readers import up
@@ -37,7 +36,7 @@ from cpcal.checker.rule import Box
 from cpcal.checker.sight import POSE_SET_FORMAT, Part, Rows, Sight, digest_of, joined, rows_of, sight_of
 from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import StrPath, write_file
-from cpcal.common.values import Floats, Indices, Value, fill, freeze, frozen_array
+from cpcal.common.values import ArrayLike, Floats, Indices, Value, fill, freeze, frozen_array
 from cpcal.robot import Pose, normalised, quaternion_from_matrix, quaternion_product
 from cpcal.robot.kinematics import nearest_rotation
 from cpcal.solver.certificate.exact_network import number
@@ -90,7 +89,7 @@ class PixelBoxes:
 
     @classmethod
     def around(
-        cls, numbers: npt.ArrayLike, centers: npt.ArrayLike, half_width: npt.ArrayLike, *, of_images: bool = False
+        cls, numbers: ArrayLike, centers: ArrayLike, half_width: ArrayLike, *, of_images: bool = False
     ) -> PixelBoxes:
         """`center +- half_width`, pixels: centers (m, 2), half_width a number, (2,), (m, 1) or (m, 2), >= 0."""
         middle = np.asarray(centers, np.float64)
@@ -159,7 +158,7 @@ class TargetSet(Value):
     """
 
     target: Target
-    half_widths: npt.ArrayLike = 0.0
+    half_widths: ArrayLike = 0.0
     scale: float = 0.0
 
     def __post_init__(self) -> None:
@@ -245,7 +244,7 @@ def _field_radius(cameras: CameraSet) -> float:
     return min((1.0 + _MARGIN) * float(reach), float(radius[good.sum() - 1]))
 
 
-def _hex(values: npt.ArrayLike) -> Any:
+def _hex(values: ArrayLike) -> Any:
     """Floats as texts, in lists as in the array."""
     array = np.asarray(values, np.float64)
     return [_hex(part) for part in array] if array.ndim else float(array).hex()

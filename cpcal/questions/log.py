@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.calibration.frames import Drawn, drawn_poses, first_frames, in_base_frame, redefined
 from cpcal.common.errors import InputError, unusable
 from cpcal.common.files import StrPath
 from cpcal.common.numbers import about
+from cpcal.common.values import ArrayLike
 from cpcal.files import Log, Settings
 from cpcal.files.log import campaign_of_log, frame_log, log_settings, read_log, unstated
 from cpcal.robot import Campaign, KinematicsError, Robot
@@ -82,9 +82,9 @@ def load_log(
     columns: str | Mapping[str, str] = "",
     rotation: str | None = None,
     frames: Literal["base", "tracker"] | None = None,
-    position_sigma: npt.ArrayLike | None = None,
-    rotation_sigma: npt.ArrayLike | None = None,
-    length_sigma: npt.ArrayLike | None = None,
+    position_sigma: ArrayLike | None = None,
+    rotation_sigma: ArrayLike | None = None,
+    length_sigma: ArrayLike | None = None,
     factor: float = 3.0,
     exact: bool = False,
 ) -> Campaign:

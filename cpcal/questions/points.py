@@ -8,11 +8,11 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.checker import Accepted
 from cpcal.common.errors import InputError, refuse, together, unusable
 from cpcal.common.files import StrPath
+from cpcal.common.values import ArrayLike
 from cpcal.files import campaign_sha256
 from cpcal.files.folders import keep_beside
 from cpcal.files.run_folder import FITTED, answers_into
@@ -48,7 +48,7 @@ class PointResult(VerifiedFit):
 def certify_point(
     campaign: Campaign,
     leg: int,
-    point: npt.ArrayLike,
+    point: ArrayLike,
     *,
     eps: float = 0.0,
     certificate: StrPath | None = None,

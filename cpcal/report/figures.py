@@ -13,11 +13,10 @@ from html import escape
 from importlib.resources import files
 
 import numpy as np
-import numpy.typing as npt
 from markupsafe import Markup
 
 from cpcal.common.numbers import stated
-from cpcal.common.values import Bools, Floats
+from cpcal.common.values import ArrayLike, Bools, Floats
 from cpcal.questions import Result, verdict_of
 
 INK, GRID, BAND, EDGE, ROOM, DOT, SUPPORT = (
@@ -104,18 +103,18 @@ class Plot:
             f'<text x="{_n(x)}" y="{_n(y)}" dy="0.35em"{turn} style="{style}">{escape(words, quote=False)}</text>'
         )
 
-    def at(self, points: npt.ArrayLike) -> Floats:
+    def at(self, points: ArrayLike) -> Floats:
         """Data (n, 2) in points."""
         left, top, right, bottom = self.frame
         start, end = np.array([self.x, self.y]).T
         share = (np.asarray(points, np.float64).reshape(-1, 2) - start) / (end - start)
         return np.asarray(np.array([left, bottom]) + share * np.array([right - left, top - bottom]))
 
-    def area(self, fill: str, polygon: npt.ArrayLike, edge: str = "none", width: float = 0.8, dash: str = "") -> None:
+    def area(self, fill: str, polygon: ArrayLike, edge: str = "none", width: float = 0.8, dash: str = "") -> None:
         """A polygon (n, 2)."""
         self._path(_track(self.at(polygon)) + "Z", edge, width, dash, fill)
 
-    def line(self, colour: str, *tracks: npt.ArrayLike, width: float = 1.0, dash: str = "") -> None:
+    def line(self, colour: str, *tracks: ArrayLike, width: float = 1.0, dash: str = "") -> None:
         """Polylines (n, 2) that look alike."""
         self._path("".join(_track(self.at(points)) for points in tracks), colour, width, dash)
 
@@ -123,7 +122,7 @@ class Plot:
         """Lines from left to right at these heights."""
         self.line(colour, *([(self.x[0], h), (self.x[1], h)] for h in heights), width=width)
 
-    def marks(self, points: npt.ArrayLike, shape: str, colour: str, size: float, width: float = 1.4) -> None:
+    def marks(self, points: ArrayLike, shape: str, colour: str, size: float, width: float = 1.4) -> None:
         """Marks of that size where points lie in the frame: "dot", or one of _SHAPES, drawn with a line of `width`."""
         places = self.at(points)
         low, high = np.reshape(self.frame, (2, 2)) + [[-0.01], [0.01]]
@@ -135,7 +134,7 @@ class Plot:
             lines = [np.array(line, np.float64) for line in _SHAPES[shape]]
             self._path("".join(_track(place + 0.5 * size * line) for place in places for line in lines), colour, width)
 
-    def hover(self, points: npt.ArrayLike, texts: Sequence[str]) -> None:
+    def hover(self, points: ArrayLike, texts: Sequence[str]) -> None:
         """What is said of each point when the pointer is on it, within a disc."""
         for (x, y), text in zip(self.at(points).tolist(), texts, strict=True):
             disc = f'<circle cx="{_n(x)}" cy="{_n(y)}" r="3" style="fill: transparent">'

@@ -6,11 +6,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.common.errors import CpcalError
 from cpcal.common.numbers import about, at_least, at_most, stated
-from cpcal.common.values import Floats
+from cpcal.common.values import Bools, Floats
 from cpcal.models import PLAIN, LegModel, ModelResiduals, fit_model, leg_model
 from cpcal.questions import LegResult, Result, Uncertified, status_of, verdict_of
 from cpcal.questions.verdict import plain_side
@@ -300,7 +299,7 @@ def advise(campaign: Campaign, result: Result, leg: LegResult, model: LegModel) 
     return Advice(short, found, more, wrong)
 
 
-def misread(found: Fitted, used: npt.NDArray[np.bool_]) -> tuple[int, ...]:
+def misread(found: Fitted, used: Bools) -> tuple[int, ...]:
     """Measurements that the others contradict: studentised residuals from a fit without them, beyond chance in all.
 
     The first one to leave is the one that stands out most; of so many as leave all must stand out against the rest.

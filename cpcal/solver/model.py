@@ -15,7 +15,6 @@ from itertools import chain
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 from flint import Ordering, fmpz_mpoly_ctx, fmpz_mpoly_vec
 
 from cpcal.checker.polynomial import Terms
@@ -23,7 +22,7 @@ from cpcal.common import numbers
 from cpcal.common.errors import ModelError
 from cpcal.common.files import StrPath, listed
 from cpcal.common.numbers import stated
-from cpcal.common.values import Floats, Names
+from cpcal.common.values import ArrayLike, Floats, Names
 from cpcal.solver import plugins
 from cpcal.solver.accounts import row_use
 from cpcal.solver.certificate.exact_network import ExactPolynomials, NotStated, network_statement
@@ -468,7 +467,7 @@ class Network(ConstraintNetwork):
         time_limit: float | None = None,
         node_limit: int | None = None,
         gap: float | None = None,
-        start: npt.ArrayLike | None = None,
+        start: ArrayLike | None = None,
         progress: Callable[[Bracket], None] | None = None,
         relax: float = 0.0,
         certificate: StrPath | None = None,

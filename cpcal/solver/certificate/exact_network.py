@@ -13,7 +13,6 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.checker import FORMAT, Refused
 from cpcal.checker.certificate import Given, polynomial
@@ -22,6 +21,7 @@ from cpcal.checker.rule import SIDES, Constraint, Problem, Unknowns
 from cpcal.checker.rule import Box as ExactBox
 from cpcal.common.errors import ModelError
 from cpcal.common.files import listed
+from cpcal.common.values import AnyArray
 from cpcal.solver.interval import Box
 from cpcal.solver.network.expression import Constraint as NetworkConstraint
 from cpcal.solver.network.expression import Expr, sqr
@@ -140,7 +140,7 @@ def number(value: F | float) -> str:
     return f"{'-' if numerator < 0 else ''}0x{digits}{behind}p{exponent:+d}"
 
 
-Objects = npt.NDArray[Any]
+Objects = AnyArray
 
 
 class NotStated(ModelError):

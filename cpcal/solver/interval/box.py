@@ -10,10 +10,9 @@ from operator import le
 from typing import Any, ClassVar, NoReturn, Protocol, overload
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
-from cpcal.common.values import Bools, Floats, Names, Numbers, Shape, fill
+from cpcal.common.values import ArrayLike, Bools, Floats, Names, Numbers, Shape, fill
 from cpcal.solver.interval.numbers import (
     HasBounds,
     Interval,
@@ -48,7 +47,7 @@ class Box(HasBounds):
 
     names: Names
 
-    def __init__(self, names: Sequence[str], lo: npt.ArrayLike, hi: npt.ArrayLike) -> None:
+    def __init__(self, names: Sequence[str], lo: ArrayLike, hi: ArrayLike) -> None:
         """NaN in both bounds is an empty component. ModelError for lo > hi, bad or repeated names, bad shapes."""
         if isinstance(names, str):
             raise ModelError(f"{names!r} are not names: give a sequence of strings")
@@ -200,7 +199,7 @@ class Box(HasBounds):
             upper[i] = round_up(hi)
         return Box._raw(self.names, lower, upper)
 
-    def with_bounds(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Box:
+    def with_bounds(self, lo: ArrayLike, hi: ArrayLike) -> Box:
         """A box of the same names with these bounds; lo > hi or NaN anywhere gives the empty box."""
         return Box._raw(self.names, *_bounds(lo, hi, len(self)))
 
@@ -295,7 +294,7 @@ def _interval(name: str, value: Interval | Number | tuple[Number, Number]) -> In
         raise ModelError(f"{name}: {error}") from error
 
 
-def _bounds(lo: npt.ArrayLike, hi: npt.ArrayLike, count: int) -> tuple[Floats, Floats]:
+def _bounds(lo: ArrayLike, hi: ArrayLike, count: int) -> tuple[Floats, Floats]:
     """The float64 bounds below some numbers and above others, in arrays of any owner."""
     lower, upper = float_bounds(lo)[0], float_bounds(hi)[1]
     if not lower.shape == upper.shape == (count,):

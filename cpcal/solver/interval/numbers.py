@@ -13,11 +13,10 @@ from numbers import Rational
 from typing import Any, ClassVar, NoReturn, SupportsFloat, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
 from cpcal.common.numbers import rounded_down, rounded_up
-from cpcal.common.values import Bools, Floats, Shape, fill
+from cpcal.common.values import ArrayLike, Bools, Floats, Shape, fill
 from cpcal.solver.compiled import in_python
 from cpcal.solver.interval import kernels
 from cpcal.solver.interval.operations import ADD, DIV, MUL, NEG, SQR, SQRT, SUB, elementwise, products, totals
@@ -234,7 +233,7 @@ class IntervalArray(HasBounds):
         return values if isinstance(values, IntervalArray) else cls.point(np.asarray(values, np.float64))
 
     @classmethod
-    def point(cls, values: npt.ArrayLike) -> IntervalArray:
+    def point(cls, values: ArrayLike) -> IntervalArray:
         """The degenerate intervals `[v, v]`. Raises ModelError for numbers that no float64 equals."""
         lo, hi = float_bounds(values)
         if lo is not hi:
@@ -242,7 +241,7 @@ class IntervalArray(HasBounds):
         return cls(lo, lo)
 
     @classmethod
-    def around(cls, center: npt.ArrayLike, radius: npt.ArrayLike) -> IntervalArray:
+    def around(cls, center: ArrayLike, radius: ArrayLike) -> IntervalArray:
         """Enclosure of `[center - radius, center + radius]`; shapes broadcast, radius >= 0."""
         (lowest, highest), (_, reach) = float_bounds(center), float_bounds(radius)
         lowest, highest, reach = np.broadcast_arrays(lowest, highest, reach)
@@ -283,7 +282,7 @@ class IntervalArray(HasBounds):
         return IntervalArray(lo, lo if self.hi is self.lo else np.broadcast_to(self.hi, shape))
 
 
-Intervals = IntervalArray | npt.ArrayLike
+Intervals = IntervalArray | ArrayLike
 
 
 # ------------------------------------------------------------------------------------------------------------------

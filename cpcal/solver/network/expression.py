@@ -17,10 +17,9 @@ from functools import partial, reduce
 from typing import Any, NoReturn, TypeVar, Union
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
-from cpcal.common.values import Indices, Shape, fill
+from cpcal.common.values import AnyArray, Indices, Ints, Shape, fill
 from cpcal.solver.interval import Interval, IntervalArray
 from cpcal.solver.interval.box import has_points
 from cpcal.solver.interval.functions import PIO2
@@ -45,14 +44,14 @@ def pair(value: Any, where: str) -> tuple[Any, Any]:
     return value[0], value[1]
 
 
-def _frozen(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def _frozen(array: AnyArray) -> AnyArray:
     """A read-only copy, so that nothing that the caller does to an array changes what was proved about it."""
     array = np.array(array, order="C")
     array.flags.writeable = False
     return array
 
 
-def positions(shape: Shape) -> npt.NDArray[np.int64]:
+def positions(shape: Shape) -> Ints:
     """The flat index of every element."""
     return np.arange(int(np.prod(shape, dtype=np.int64))).reshape(shape)
 
@@ -86,7 +85,7 @@ def folded(root: Expr, value: Callable[[Expr, list[T]], T], known: dict[bytes, T
     return known[root.digest]
 
 
-Operand = Union["Expr", float, int, Fraction, Interval, IntervalArray, npt.NDArray[Any], list[Any], tuple[Any, ...]]
+Operand = Union["Expr", float, int, Fraction, Interval, IntervalArray, AnyArray, list[Any], tuple[Any, ...]]
 
 SELECTS = 1  # parameter of a "mul" by zeros and ones: 0 wherever the factor is 0, also where the other is not defined
 _LEVELS = 64  # levels of a deep expression that pickle may follow by recursion

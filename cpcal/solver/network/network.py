@@ -18,16 +18,15 @@ from dataclasses import replace
 from typing import Any, Self, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
-from cpcal.common.values import Indices, Shape
+from cpcal.common.values import ArrayLike, Indices, Shape
 from cpcal.solver.interval import Box, Interval, IntervalArray
 from cpcal.solver.interval.box import checked_name, component_names, has_points
 from cpcal.solver.interval.numbers import float_bounds
 from cpcal.solver.network.expression import Constraint, Expr, as_expr, pair, topological
 
-Domain = Interval | tuple[npt.ArrayLike, npt.ArrayLike]
+Domain = Interval | tuple[ArrayLike, ArrayLike]
 
 T = TypeVar("T")
 
@@ -67,7 +66,7 @@ class ConstraintNetwork:
     constant = staticmethod(as_expr)
 
     @staticmethod
-    def reading(center: npt.ArrayLike, radius: npt.ArrayLike) -> Expr:
+    def reading(center: ArrayLike, radius: ArrayLike) -> Expr:
         """A measured quantity known to lie within `radius` of `center`: THERE EXISTS a value in that set.
 
         The leading axis counts measurements (a scalar reading is shared by all of them). Where every

@@ -14,9 +14,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from cpcal.common.values import Bools, Floats, Indices
+from cpcal.common.values import ArrayLike, Bools, Floats, Indices
 from cpcal.solver.existence import (
     Equalities,
     ReadingConstraint,
@@ -269,7 +268,7 @@ class PointVerdicts(NamedTuple):
 
 
 def verify_point(
-    network: ConstraintNetwork, point: npt.ArrayLike, reading: Sequence[ReadingConstraint] | None = None
+    network: ConstraintNetwork, point: ArrayLike, reading: Sequence[ReadingConstraint] | None = None
 ) -> PointVerdicts:
     """Verify a point (n,), one value for each component in the order of `names`.
 

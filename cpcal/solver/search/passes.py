@@ -15,9 +15,8 @@ from dataclasses import replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-import numpy.typing as npt
 
-from cpcal.common.values import Floats, Ints
+from cpcal.common.values import ArrayLike, Floats, Ints
 from cpcal.solver.accounts import ContractorUse, Uses
 from cpcal.solver.contract import (
     Contraction,
@@ -272,7 +271,7 @@ class LargestFirst:
 
     _reach: Floats | float = np.inf
 
-    def __init__(self, width: float = 0.0, scale: npt.ArrayLike = 1.0, skip: Iterable[str] = ()) -> None:
+    def __init__(self, width: float = 0.0, scale: ArrayLike = 1.0, skip: Iterable[str] = ()) -> None:
         self._width, self._scale, self._skip = width, np.asarray(scale, np.float64), frozenset(skip)
 
     def within(self, reach: Floats, unit: Floats | float = 1.0) -> Self:

@@ -14,8 +14,8 @@ from enum import Enum
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from cpcal.common.values import Indices
 from cpcal.solver.accounts import Uses
 from cpcal.solver.contract import Contraction, Row
 from cpcal.solver.execution.checkpoint_file import Line
@@ -313,7 +313,7 @@ def difference(box: Box, part: Box) -> tuple[Box, ...]:
     return tuple(Box.rows(box.names, np.array(lower), np.array(upper)))
 
 
-def clusters(boxes: Sequence[Box]) -> npt.NDArray[np.intp]:
+def clusters(boxes: Sequence[Box]) -> Indices:
     """For each box the number of its cluster: boxes that touch, and those that touch them, are one cluster.
 
     Clusters are numbered in the order of their first box. Sorted by one component (of the most different ends), boxes
