@@ -279,4 +279,4 @@ def test_a_bad_study_in_memory():
     truth = simulate_study(seed=0, runs=1, validation_runs=1, random_poses=1).truth
     with pytest.raises(InputError) as caught:
         Study(few, table(), table(length=np.zeros((2, 5))), truth, {"a": 1})
-    assert [p.where for p in caught.value.problems] == ["study calibration", "study truth", "study provenance 'a'"]
+    assert [p.where for p in caught.value.problems] == ["study provenance 'a'", "study calibration", "study truth"]
