@@ -10,13 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from contractors.relaxation import Relaxation, Structure
-from cpcal.common.values import fill
 from cpcal.solver.contract import Composable, Contraction, StepWeights
 from cpcal.solver.existence import reads
 from cpcal.solver.interval import Box, Floats, Indices, IntervalArray
@@ -207,7 +205,7 @@ class LiftedPrograms(Programs):
     def carriers(self, solution: LinearSolution) -> tuple[tuple[tuple[int, int], ...], StepWeights]:
         (_, kept, _), named, first = self._told, self.structure.names, len(self.relaxation.products)
         names = [named[kept[row - first]] for row in solution.rows.tolist() if row >= first]
-        return tuple([(c, k) for c, _, k in names]), _Weights(self, solution)
+        return tuple([(c, k) for c, _, k in names]), self.weights(solution)
 
     def weights(self, solution: LinearSolution) -> StepWeights:
         """Products of more than two variables, which no certificate has, are left out: the others prove less."""
@@ -231,23 +229,6 @@ class LiftedPrograms(Programs):
         times."""
         r = self.relaxation
         return r.products.tolist(), r.kept.tolist(), np.ldexp(1.0, -r.exponents).tolist()
-
-
-class _Weights(StepWeights):
-    """Those of a solution, put together when they are asked for: most searches write no certificate."""
-
-    def __init__(self, programs: LiftedPrograms, solution: LinearSolution) -> None:
-        fill(self, _of=(programs, solution))
-
-    def __getattr__(self, name: str) -> Any:
-        if name not in StepWeights.__dataclass_fields__:
-            raise AttributeError(name)
-        programs, solution = self._of
-        fill(self, **vars(programs.weights(solution)))
-        return vars(self)[name]
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return StepWeights, (self.rows, self.products, self.tangents)
 
 
 class Lifted(Composable):
