@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from typing import Annotated, NamedTuple, TypeVar
 
 import numpy as np
@@ -67,14 +67,19 @@ class Measured:
     """What the N measurements of one leg are to a model, as expressions: values in the reading sets.
 
     `position` (N, 3): P, mm, base frame. `length` (N,): L, mm. `rotate(u)` (N, 3): R u for three numbers u.
-    `vector` (N, 3): v = P + R b - a, mm, which holds unknowns. `drawn`: numbers of the drawing and the stated readings.
+    `vector` (N, 3): v = P + R b - a, mm, which holds unknowns. `drawing`: makes `drawn`, which few models ask for.
     """
 
     position: Expr
     length: Expr
     vector: Expr
     rotate: Callable[[ArrayLike], Expr]
-    drawn: Drawn
+    drawing: Callable[[], Drawn]
+
+    @cached_property
+    def drawn(self) -> Drawn:
+        """Numbers of the drawing and the stated readings."""
+        return self.drawing()
 
 
 Parameters = Mapping[str, Expr]  # of the extra parameters, by name
@@ -358,7 +363,7 @@ def leg_equation(
         v = matrix @ (u if isinstance(u, Expr) else as_expr(np.asarray(u, np.float64)))
         return v if s is None else turned_rows(s, v)
 
-    measured = Measured(position, length, position + rotate(b) - a, rotate, drawn(campaign, leg))
+    measured = Measured(position, length, position + rotate(b) - a, rotate, partial(drawn, campaign, leg))
     return LegEquation(net, model.equation(measured, offset, extra), offset, scale)
 
 

@@ -20,6 +20,7 @@ from cpcal.common.values import Floats
 from cpcal.models import ModelResiduals, built_in, fit_model, leg_readings, leg_statement, reading_moves, reading_range
 from cpcal.questions.bracket import PreparedLeg, written
 from cpcal.questions.result import CONSTRAINED, LEAST_SQUARES, PassesFrom, Recommended, Reduced
+from cpcal.solver.certificate.exact_network import Statement
 from cpcal.solver.certificate.float_rows import AllReadings
 from cpcal.solver.certificate.prover import claims
 from cpcal.solver.certificate.recording import Recording
@@ -65,16 +66,21 @@ class _Leg:
     def __init__(self, part: PreparedLeg) -> None:
         question, leg, only = part.question, part.leg, part.only
         campaign, model = question.campaign, question.model
-        self._question, self._leg, self._network = question, leg, part.problem.network
+        self._part, self._question, self._leg, self._network = part, question, leg, part.problem.network
         self._residuals = ModelResiduals(campaign, leg, model)
         self._mine = np.arange(len(campaign)) if only is None else np.array(only, np.intp)
         self._known: dict[bytes, AllReadings] = {}
-        self._statement = leg_statement(campaign, leg, only, model.name) if built_in(model) else None
+        self._built_in = built_in(model)
         self._readings = [each[self._mine] for each in leg_readings(campaign, leg)]
         self._used = np.bincount(self._mine, minlength=len(campaign)).astype(np.float64)
         self._rows = Rows(self._network, every=True)
         fitted = only is None and question.options.center == "fit"
         self.plain = part.center if fitted else self.fit(None if only is None else self._used)
+
+    @cached_property
+    def _statement(self) -> Statement:
+        question, known = self._question, self._part.statement
+        return known or leg_statement(question.campaign, self._part.leg, self._part.only, question.model.name)
 
     @cached_property
     def weight(self) -> Floats:
@@ -92,7 +98,7 @@ class _Leg:
 
         Of a model that comes with cpcal the least that the exact proof of a certificate reaches."""
         question, key = self._question, x.tobytes()
-        if self._statement is not None:
+        if self._built_in:
             if key not in self._known:
                 self._known[key] = AllReadings(question.model.name, x.tolist(), *self._readings)
             return self._known[key].least_eps(factor)
@@ -101,7 +107,7 @@ class _Leg:
 
     def certificate(self, name: str, x: Floats, eps: float, factor: float = 1.0) -> str | None:
         """The file that claims E(x) <= eps with that factor on the half-widths; None where there is none."""
-        if self._statement is None or self._question.certificates is None or not math.isfinite(eps):
+        if not self._built_in or self._question.certificates is None or not math.isfinite(eps):
             return None
         at, names = np.append(x, eps), (*self._question.model.parameters, "eps")
         with Recording(self._statement, Box(names, at, at)) as recording:

@@ -10,6 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -292,7 +293,7 @@ class Campaign(Value):
         """The number of measurements, N."""
         return len(self.pose)
 
-    @property
+    @cached_property
     def poses(self) -> Pose:
         """The centres of their reading sets, N poses."""
         return Pose(self.position, self.quaternion)

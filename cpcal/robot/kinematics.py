@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -133,7 +134,7 @@ class Pose(ByValue):
     position: Floats
     quaternion: Floats
 
-    @property
+    @cached_property
     def rotation(self) -> Floats:
         """(..., 3, 3)."""
         return rotation_matrix(self.quaternion)

@@ -451,22 +451,10 @@ class AllReadings:
     def least_eps(self, factor: float = 1.0) -> float:
         """The least eps, about, at which the point is proved to hold for all readings of sets `factor` times as wide;
         infinite where there is none."""
-        r, t, rl = factor * self.radii[:, :3], 0.5 * factor * self.radii[:, 3:6], factor * self.radii[:, 6]
-        shift, swing = r.sum(axis=1), t.sum(axis=1)
-        d, s = self.slopes()
-        c, w = np.abs(self.c), np.abs(self.w)
-        moved = r + 2.0 * crossed(t, c) + (3.0 * swing * swing * self.size)[:, None]
-        bent = swing * self.size * (5.0 * swing * (w.sum(axis=1) + shift) + 3.0 * shift)
-        both = self.c * self.w
-        turning = c * ((t * w).sum(axis=1)[:, None] - t * w) + w * ((t * c).sum(axis=1)[:, None] - t * c)
-        turning += 2.0 * t * np.abs(both.sum(axis=1)[:, None] - both) + crossed(r, c) + bent[:, None]
-        slack = 4.0 * (r * np.maximum(moved - np.abs(d), 0.0)).sum(axis=1)
-        slack += 8.0 * (t * np.maximum(turning - np.abs(s), 0.0)).sum(axis=1)
-        end = np.where(d > 0.0, r, -r), np.where(s > 0.0, t, -t), -rl if self.gain > 0.0 else rl
-        most, least = (
-            self.square(self.w + sign * end[0], _rotated(sign * end[1], self.c)) + sign * slack for sign in (1.0, -1.0)
-        )
-        high, low = (self.gain * (self.read + e) + self.offset for e in (end[2], -end[2]))
+        rl = factor * self.radii[:, 6]
+        most, least = self._squares(factor) if self.radii[:, :6].any() else (self.square(self.w, self.c),) * 2
+        end = -rl if self.gain > 0.0 else rl
+        high, low = (self.gain * (self.read + e) + self.offset for e in (end, -end))
         if not (least > 0.0).all():
             return math.inf
         roots = np.sqrt(most), np.sqrt(least)
@@ -478,6 +466,26 @@ class AllReadings:
         good = self.gain * self.read + self.offset > abs(self.gain) * rl + eps + self.rounding
         good &= self.read - rl + self.offset > eps + self.rounding
         return eps if good.all() else math.inf
+
+
+    def _squares(self, factor: float) -> tuple[Floats, Floats]:
+        """Above and below the square for all readings of positions and rotations."""
+        r, t = factor * self.radii[:, :3], 0.5 * factor * self.radii[:, 3:6]
+        shift, swing = r.sum(axis=1), t.sum(axis=1)
+        d, s = self.slopes()
+        c, w = np.abs(self.c), np.abs(self.w)
+        moved = r + 2.0 * crossed(t, c) + (3.0 * swing * swing * self.size)[:, None]
+        bent = swing * self.size * (5.0 * swing * (w.sum(axis=1) + shift) + 3.0 * shift)
+        both = self.c * self.w
+        turning = c * ((t * w).sum(axis=1)[:, None] - t * w) + w * ((t * c).sum(axis=1)[:, None] - t * c)
+        turning += 2.0 * t * np.abs(both.sum(axis=1)[:, None] - both) + crossed(r, c) + bent[:, None]
+        slack = 4.0 * (r * np.maximum(moved - np.abs(d), 0.0)).sum(axis=1)
+        slack += 8.0 * (t * np.maximum(turning - np.abs(s), 0.0)).sum(axis=1)
+        ends = np.where(d > 0.0, r, -r), np.where(s > 0.0, t, -t)
+        return (
+            self.square(self.w + ends[0], _rotated(ends[1], self.c)) + slack,
+            self.square(self.w - ends[0], _rotated(-ends[1], self.c)) - slack,
+        )
 
 
 def _rotated(s: Floats, z: Floats) -> Floats:
