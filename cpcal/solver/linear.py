@@ -440,9 +440,7 @@ def _feasible(v: Vertex, objective: Floats, limit: int) -> int:
         times_inverse(v, row, alpha)
         k = _leaving(alpha, y, bland)
         if k < 0:
-            if v.counters[2] > 0:  # be sure of it
-                if not refactored(v):
-                    return FAILED
+            if v.counters[2] > 0 and refactored(v):  # be sure of it, unless the matrix is nearly singular
                 continue
             for j in range(n):
                 y[j] = max(-alpha[j], 0.0)
