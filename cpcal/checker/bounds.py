@@ -128,8 +128,25 @@ def total(parts: Iterable[Bounds]) -> Bounds:
     return Bounds(lo, hi)
 
 
-def norm(vector: Iterable[Bounds]) -> Bounds:
-    return total(part.square for part in vector).root
+def dot(x: Vector, y: Vector) -> Bounds:
+    """The inner product, rounded once."""
+    low = high = 0
+    for a, b in zip(x, y, strict=True):
+        if b.lo == b.hi:
+            one, other = a.lo * b.lo, a.hi * b.lo
+        else:
+            corners = a.lo * b.lo, a.lo * b.hi, a.hi * b.lo, a.hi * b.hi
+            one, other = min(corners), max(corners)
+        if one > other:
+            one, other = other, one
+        low += one
+        high += other
+    return Bounds(low >> _BITS, -(-high >> _BITS))
+
+
+def longest(x: Vector) -> Bounds:
+    """Of all vectors in it: the largest value of x . t, for |t| <= 1."""
+    return _at(isqrt(sum(max(-v.lo, v.hi) ** 2 for v in x)) + 1)
 
 
 def numbers(values: Iterable[F | int]) -> list[Bounds]:

@@ -14,7 +14,7 @@ from math import inf, nextafter, pi
 from pathlib import Path
 from typing import Any
 
-from .bounds import Bounds, between, matrix, norm, number, numbers, skew
+from .bounds import Bounds, between, longest, matrix, number, numbers, skew
 from .bounds import rotation as enclosed_rotation
 from .certificate import FORMAT, Accepted, Certificates
 from .files import STUDY_NAME, WORK, Budget, Lines, content, parsed
@@ -139,7 +139,7 @@ def _check_lens(study: Study, pixels: Sequence[Sequence[F]], distortion: Sequenc
     directions = [
         numbers((v - c) / f for v, c, f in zip(ray, study.center, study.focal, strict=True)) for ray in study.rays
     ]
-    farthest = max(map(norm, directions), key=lambda one: one.hi)
+    farthest = max(map(longest, directions), key=lambda one: one.hi)
     lens = Cameras((*study.focal, *study.center, *distortion), [()] * 9, farthest.ends[1])
     for x, pixel in zip(directions, pixels, strict=True):
         for d, v, c, f in zip(lens.at_center(values(x)), pixel, study.center, study.focal, strict=True):
@@ -226,7 +226,7 @@ def known_point(
 
     turned = matrix(off(R_X, (v for row in turn for v in row)))
     ways = (
-        norm(off(places, known)) + norm(applied(turned, numbers(minus(at, origin))))
+        longest(off(places, known)) + longest(applied(turned, numbers(minus(at, origin))))
         for places, known, origin in ((E_, e, e), (T_X, shift, (F(0),) * 3))
     )
     k2 = _turned([between(lo[i], hi[i]) for i in R_X], about[3:7])[1]

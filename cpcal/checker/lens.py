@@ -6,19 +6,21 @@ docs/certificate-format.md, "Pose sets", has the formulas and why they hold.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
 from functools import cached_property
-from itertools import pairwise
+from itertools import product
+from math import inf
 
-from .bounds import ONE, UNIT, ZERO, Bounds, Vector, between, norm, number, numbers, sizes, total
-from .polynomial import inner, plus
+from .bounds import ONE, UNIT, ZERO, Bounds, Vector, between, dot, longest, number, numbers, sizes, total
+from .polynomial import plus, transposed
 from .readers import Refused
 
 CELLS, NEAREST = 24, 40
 _PAIRS = ((0, 0), (0, 1), (1, 1))
 _HALF, _QUARTER = number(F(1, 2)), number(F(1, 4))
+_TANGENTIAL = (ZERO, 6 * ONE), (2 * ONE, ZERO), (ZERO, 2 * ONE), (6 * ONE, ZERO)
 Forms = list[tuple[Bounds, Vector]]  # of quantities that are linear in k1, k2, p1, p2, k3: constants and coefficients
 
 
@@ -38,11 +40,11 @@ def slopes(x: Vector) -> Forms:
     uu, vv, uv = u.square, v.square, u * v
     s = uu + vv
     s2 = s.square
-    s3, four, six = s2 * s, 4 * s, 6 * s2
+    s3, four, six, two_u, two_v = s2 * s, 4 * s, 6 * s2, 2 * u, 2 * v
     return [
-        (ONE, [s + 2 * uu, s2 + four * uu, 2 * v, 6 * u, s3 + six * uu]),
-        (ZERO, [2 * uv, four * uv, 2 * u, 2 * v, six * uv]),
-        (ONE, [s + 2 * vv, s2 + four * vv, 6 * v, 2 * u, s3 + six * vv]),
+        (ONE, [s + 2 * uu, s2 + four * uu, two_v, 6 * u, s3 + six * uu]),
+        (ZERO, [2 * uv, four * uv, two_u, two_v, six * uv]),
+        (ONE, [s + 2 * vv, s2 + four * vv, 6 * v, two_u, s3 + six * vv]),
     ]
 
 
@@ -51,14 +53,13 @@ def curves(x: Vector) -> Forms:
     u, v = x
     uu, vv = u.square, v.square
     s = uu + vv
-    s2, two, six = s.square, 2 * ONE, 6 * ONE
+    s2, four = s.square, 4 * s
 
     def radially(k: int, w: Bounds, square: Bounds) -> Vector:
-        return [2 * k * w, 4 * k * s * w + 8 * square * w, 6 * k * s2 * w + 24 * s * square * w]
+        return [2 * k * w, 4 * ((k * s + 2 * square) * w), 6 * ((k * s2 + four * square) * w)]
 
     radial = radially(3, u, uu), radially(1, v, uu), radially(1, u, vv), radially(3, v, vv)
-    tangential = (ZERO, six), (two, ZERO), (ZERO, two), (six, ZERO)
-    return [(ZERO, [k1, k2, *p, k3]) for (k1, k2, k3), p in zip(radial, tangential, strict=True)]
+    return [(ZERO, [k1, k2, *p, k3]) for (k1, k2, k3), p in zip(radial, _TANGENTIAL, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -73,28 +74,23 @@ class Linear:
     size: Bounds  # of |x - x0|, at most
 
 
-def longest(row: Vector) -> Bounds:
-    """The largest value of row . t, for |t| <= 1."""
-    return norm(row).most
-
-
 class Cameras:
     """Those whose nine numbers are `center + spread t`, |t| <= 1; field: r <= radius."""
 
     def __init__(self, center: Sequence[F], spread: Sequence[Sequence[F]], radius: F) -> None:
-        self.center, self.spread = numbers(center), list(map(numbers, spread))
+        self.center, by_number = numbers(center), list(map(numbers, spread))
         self.radius, self.size = number(radius), len(spread[0])
-        self.reach = list(map(longest, self.spread))
+        self.reach, self.spread = list(map(longest, by_number)), transposed(by_number)  # by t
         self.numbers = [c.around(r) for c, r in zip(self.center, self.reach, strict=True)]
         if min(self.numbers[0].lo, self.numbers[1].lo, self.radius.lo) <= 0:
             raise Refused("a focal length or the field may be zero", "run", 0)
 
     def by_t(self, row: Vector, first: int = 0) -> list[Bounds]:
         """What is linear in the camera's numbers, from one on, by t."""
-        return [inner(row, [spread[j] for spread in self.spread[first:]]) for j in range(self.size)]
+        return [dot(row, by[first:]) for by in self.spread]
 
     def at_center(self, forms: Forms) -> list[Bounds]:
-        return [constant + inner(by, self.center[4:]) for constant, by in forms]
+        return [constant + dot(by, self.center[4:]) for constant, by in forms]
 
     def over(self, forms: Forms) -> list[Bounds]:
         """For all cameras."""
@@ -102,22 +98,37 @@ class Cameras:
         return [v.around(longest(self.by_t(by, 4))) for v, (_, by) in at]
 
     def least_slope(self, x: Vector) -> Bounds:
-        """No eigenvalue of the lens's Jacobian on a box of directions is below the lower end (Gershgorin)."""
-        along, mixed, down = self.over(slopes(x))
-        a, b = along - mixed.size, down - mixed.size
-        return Bounds(min(a.lo, b.lo), min(a.hi, b.hi))
+        return _least_slope(self.over(slopes(x)))
 
-    @cached_property
-    def cells(self) -> list[list[Bounds]]:
-        """Squares that cover the field."""
+    def largest(self, bound: Callable[[Vector], int]) -> int:
+        """No less than a bound anywhere in the field: taken over 24 x 24 squares that cover it, or over four of them at
+        once where that is no more than elsewhere."""
+
+        def squares(places: Iterable[Sequence[int]], wide: int) -> Iterator[tuple[Vector, int, int]]:
+            for i, j in places:
+                x, y = (Bounds(cuts[k].lo, cuts[k + wide].hi) for k in (i, j))
+                if (x.square + y.square).lo <= self.radius.square.hi:
+                    yield (x, y), i, j
+
+        def of_four(square: Vector) -> float:
+            try:
+                return bound(square)
+            except Refused:  # each of the four may still be proved
+                return inf
+
         cuts = [self.radius * number(F(2 * k - CELLS, CELLS)) for k in range(CELLS + 1)]
-        sides = [Bounds(a.lo, b.hi) for a, b in pairwise(cuts)]
-        return [[x, y] for x in sides for y in sides if (x.square + y.square).lo <= self.radius.square.hi]
+        fours = squares(product(range(0, CELLS, 2), repeat=2), 2)
+        most = bound((ZERO, ZERO))
+        for together, i, j in sorted(((of_four(square), i, j) for square, i, j in fours), reverse=True):
+            if together > most:
+                each = squares(product((i, i + 1), (j, j + 1)), 1)
+                most = max([most, *(bound(square) for square, _, _ in each)])
+        return most
 
     @cached_property
     def least(self) -> Bounds:
         """A number above zero that no slope in the field is below."""
-        least = min(self.least_slope(x).lo for x in self.cells)
+        least = -self.largest(lambda x: -self.least_slope(x).lo)
         if least <= 0:
             raise Refused("the lens may turn back within its field", "run", 0)
         return Bounds(least, least)
@@ -145,14 +156,13 @@ class Cameras:
             ((p - v).size + longest(b) + e) / f.least
             for p, v, b, e, f in zip(pixels, value, by, second, wide, strict=True)
         ]
-        size = norm(away).most
+        size = longest(away)
         near = self.least_slope([x.around(size / self.least) for x in x0])
         rho = (size / max(near, self.least, key=lambda one: one.lo).least).most
         rows = [[along, mixed], [mixed, down]]
         slope = [[focal[k] * part for part in rows[k]] for k in range(2)]
-        anywhere = self.over(slope_form)
         curved = sizes(self.over(curves([x.around(rho) for x in x0])))
-        rest = []
+        anywhere, rest = self.over(slope_form) if self.size else [], []
         for k in range(2):
             changed = total((wide[k] * anywhere[k + i] - slope[k][i]).size for i in range(2)) if self.size else ZERO
             bent = curved[k] + 2 * curved[k + 1] + curved[k + 2]
@@ -163,8 +173,8 @@ class Cameras:
     def field_bias(self) -> list[Bounds]:
         """A bound of the bias of a dot that is seen anywhere, whatever its pose."""
         depths, anyhow = between(F(0), F(1, NEAREST)), (UNIT, UNIT, UNIT)
-        parts = [part for x in self.cells for part in self.bias(x, depths, anyhow)]
-        return [ZERO.around(max(sizes(parts), key=lambda one: one.hi))] * 2
+        most = self.largest(lambda x: max(part.size.hi for part in self.bias(x, depths, anyhow)))
+        return [Bounds(-most, most)] * 2
 
     def bias(self, x: Vector, tau: Bounds, normal: Vector) -> list[Bounds]:
         """Centroid of a dot's image less the image of its centre, in pixels: at directions x, tau = radius / Z."""
@@ -172,19 +182,27 @@ class Cameras:
         center = plus(x, away)
         size = [spread[0].root, spread[2].root]
         box = [c.around(s.most) for c, s in zip(center, size, strict=True)]
-        least = self.least_slope(box)
+        slope = self.over(slopes(box))
+        least = _least_slope(slope)
         if least.lo <= 0:
             raise Refused("the lens may turn back within the image of a dot", "proof")
         share = between(F(0), F(1))
         way = self.over(slopes([a + b * share for a, b in zip(x, away, strict=True)]))
-        around = self.over(slopes(box)), self.over(curves(box))
+        around = slope, self.over(curves(box))
         more = _bent_center(self.over(slopes(center)), *around, least, spread, size)
         return [f * part for f, part in zip(self.numbers[:2], plus(_turned(way, away), more), strict=True)]
 
 
+def _least_slope(slope: Vector) -> Bounds:
+    """No eigenvalue of the lens's Jacobian with these entries is below the lower end (Gershgorin)."""
+    along, mixed, down = slope
+    a, b = along - mixed.size, down - mixed.size
+    return Bounds(min(a.lo, b.lo), min(a.hi, b.hi))
+
+
 def _turned(slope: Vector, x: Vector) -> list[Bounds]:
     """By the symmetric matrix of slopes xx, xy, yy."""
-    return [inner(slope[:2], x), inner(slope[1:], x)]
+    return [dot(slope[:2], x), dot(slope[1:], x)]
 
 
 def _ellipse(x: Vector, tau: Bounds, normal: Vector) -> tuple[list[Bounds], list[Bounds]]:
@@ -212,15 +230,17 @@ def _bent_center(
     weight = Bounds(max(weight.lo, least.least.square.lo), weight.hi)
     by = (xxx * yy + xx * xyy - 2 * xy * xxy, xxy * yy + xx * yyy - 2 * xy * xyy)
     more = weight.most / weight.least - ONE
-    most = [_QUARTER * size[i] * size[j] for i, j in _PAIRS]
+    mean = [_QUARTER * v for v in spread]
+    most = [(_QUARTER * size[i] * size[j]).most for i, j in _PAIRS]
+    beyond = [more * v for v in most]
 
     def average(coefficient: Bounds, p: int) -> Bounds:
         middle = coefficient.middle
-        return (middle * (_QUARTER * spread[p])).around((coefficient - middle).size * most[p].most)
+        return (middle * mean[p]).around((coefficient - middle).size * most[p])
 
     a = [total(average(by[j], i + j) for j in range(2)) / weight for i in range(2)]
     out = []
     for k, moved in enumerate(_turned(at, a)):
-        parts = [average(c, p).around(c.size * more * most[p].most) for p, c in enumerate(curved[k : k + 3])]
+        parts = [average(c, p).around(c.size * beyond[p]) for p, c in enumerate(curved[k : k + 3])]
         out.append(moved + _HALF * (parts[0] + 2 * parts[1] + parts[2]))
     return out

@@ -28,6 +28,7 @@ from .bounds import (
     bounds_of,
     box_of,
     half_turn,
+    longest,
     matrix,
     multiple,
     number,
@@ -39,7 +40,7 @@ from .bounds import (
 from .certificate import FORMAT, Certificates
 from .files import POSE_SET_SUFFIX, WORK, Budget, Lines, content, parsed
 from .frames import EQUATIONS, polynomial, turn_equations
-from .lens import NEAREST, Cameras, longest
+from .lens import NEAREST, Cameras
 from .polynomial import Form, Polynomial, Spend, Terms, applied, forms, inner, minus, plus, transposed
 from .polynomial import product as matrix_product
 from .readers import (

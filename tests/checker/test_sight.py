@@ -8,7 +8,7 @@ import pytest
 
 from cpcal.checker import Refused
 from cpcal.checker.bounds import between, number
-from cpcal.checker.lens import Cameras
+from cpcal.checker.lens import NEAREST, Cameras
 from cpcal.checker.rule import Box
 from cpcal.checker.sight import SIDES, Dot, Rows, Sight, rows_of
 from cpcal.vision.camera import DELTALAB_CAMERA
@@ -119,12 +119,14 @@ def test_a_dot_that_no_pose_shows_fails_and_unknown_rows_are_refused() -> None:
 
 
 @pytest.mark.parametrize("numbers", [tuple(DELTALAB_CAMERA.numbers.tolist()), BENT])
-def test_the_slopes_of_the_field_are_bounded_from_below(numbers: tuple[float, ...]) -> None:
+def test_slopes_and_bias_are_bounded_in_the_field(numbers: tuple[float, ...]) -> None:
     cameras = Cameras([F(v) for v in numbers], [()] * 9, F(6, 10))
     rng = np.random.default_rng(5)
     for x in rng.uniform(-0.42, 0.42, (40, 2)).tolist():
         at = [number(F(v)) for v in x]
         assert cameras.least.lo <= cameras.least_slope(at).lo
+        for part in cameras.bias(at, number(F(1, NEAREST)), [number(F(v)) for v in (0.6, -0.64, 0.48)]):
+            assert part.size.hi <= cameras.field_bias[0].hi
 
 
 def test_a_lens_that_turns_back_in_its_field_is_refused() -> None:

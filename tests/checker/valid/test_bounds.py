@@ -6,7 +6,7 @@ from fractions import Fraction as F
 
 import pytest
 
-from cpcal.checker.bounds import Bounds, between, number, rotation, total
+from cpcal.checker.bounds import Bounds, between, dot, longest, number, rotation, total
 from cpcal.checker.polynomial import inner
 from cpcal.checker.readers import Refused
 
@@ -51,7 +51,10 @@ def test_squares_roots_sizes_and_sums_hold_those_of_all_numbers():
         assert a.size.hi * UNIT >= max(map(abs, xs))
         held(-3 * a, [-3 * x for x in xs])
         held(total([a, b, a]), [2 * x + y for x in xs for y in ys])
-        held(inner([a, b], [b, b]), [x * y + y * y for x in xs for y in ys])
+        for of in (inner, dot):
+            held(of([a, b], [b, b]), [x * y + y * y for x in xs for y in ys])
+            held(of([a, b], [-3 * a.least, b.most]), [-3 * x * xs[0] + y * ys[1] for x in xs for y in ys])
+        assert (longest([a, b]).lo * UNIT) ** 2 >= max(x * x + y * y for x in xs for y in ys)
         root = a.size.root
         assert (root.lo * UNIT) ** 2 <= a.size.lo * UNIT
         assert max(map(abs, xs)) <= (root.hi * UNIT) ** 2
