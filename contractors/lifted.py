@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from contractors.relaxation import Relaxation, Structure
 from cpcal.solver.contract import Composable, Contraction, StepWeights
-from cpcal.solver.existence import reads
+from cpcal.solver.existence.unique import reads
 from cpcal.solver.interval import Box, Floats, Indices, IntervalArray
 from cpcal.solver.linear import Dense, LinearSolution, LinearStatus, Programs
 from cpcal.solver.network import ConstraintNetwork

@@ -12,7 +12,7 @@ import time
 import numpy as np
 
 from cpcal.solver.contract import Composable, Contraction, narrowed
-from cpcal.solver.existence import Equalities, newton_all
+from cpcal.solver.existence.operators import Equalities, newton_all
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork
 

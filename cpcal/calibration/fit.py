@@ -13,7 +13,7 @@ import numpy as np
 from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import listed
 from cpcal.common.least_squares import least_squares
-from cpcal.common.values import ArrayLike, Bools, Floats, Names, floats, freeze
+from cpcal.common.values import ArrayLike, Bools, Floats, Names, Numbers, floats, freeze
 from cpcal.robot import Campaign, LegEquations, Robot, distances, forward_poses
 
 
@@ -212,6 +212,14 @@ class Fit:
         if self.source == "residuals" and self.freedom <= 0:  # a fit through all points leaves no scatter to judge by
             size = self.parameters.size
             return np.where(np.eye(size) == 1.0, np.inf, np.nan)
+        result, lost = self.determined_covariance, self.undetermined.ravel()
+        result[lost, :] = result[:, lost] = np.nan
+        result[lost, lost] = np.inf
+        return result
+
+    @property
+    def determined_covariance(self) -> Floats:
+        """The same of what the data tell, along whose other directions nothing varies."""
         (left, values, right), seen, weight = self.svd, self.determined, self.weight
         count, legs = self.residuals.shape
         if self.source == "noise":  # C_k, (N, n, n): the covariance of the weighted equations' errors
@@ -223,11 +231,7 @@ class Fit:
         inverse = (right[seen].T / values[seen]) @ left[:, seen].T
         spread = np.einsum("pki,kij->pkj", inverse.reshape(-1, count, legs), scatter)
         result = spread.reshape(len(inverse), -1) @ inverse.T
-        result = 0.5 * (result + result.T)
-        lost = self.undetermined.ravel()
-        result[lost, :] = result[:, lost] = np.nan
-        result[lost, lost] = np.inf
-        return np.asarray(result)
+        return np.asarray(0.5 * (result + result.T))
 
     @property
     def standard_errors(self) -> Floats:
@@ -401,7 +405,6 @@ def robust_scale(residuals: Floats) -> float:
 # For measured leg readings the forward kinematics of a parameter vector says where the platform should be; the camera
 # says where it was. Nothing of it is proved: it is a mean over the poses that were tried.
 
-Numbers = tuple[float, ...]
 KINDS = ("position", "orientation")
 
 

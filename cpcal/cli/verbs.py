@@ -35,7 +35,7 @@ from cpcal.solver.execution.stopping import asked, heard
 
 if TYPE_CHECKING:
     from cpcal.solver.optimize.bound import Bracket
-    from cpcal.solver.search import Event
+    from cpcal.solver.search.search import Event
 
 T = TypeVar("T")
 

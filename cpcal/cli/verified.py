@@ -20,11 +20,10 @@ from cpcal.common.files import small_file
 from cpcal.common.numbers import about, at_least, at_most
 from cpcal.files import load_campaign_json
 from cpcal.files.run_folder import unfinished
-from cpcal.models import LegModel, leg_model
+from cpcal.models import leg_model
 from cpcal.questions import (
     INFORMATION,
     RESULT_NAME,
-    LegResult,
     Result,
     Uncertified,
     contractors_sentences,
@@ -125,23 +124,20 @@ def _stated_otherwise(campaign: Campaign, result: Result) -> Iterator[str]:
     for leg in result.legs:
         if leg.leg > campaign.legs:
             yield f"names leg {leg.leg}, which the campaign has not"
-        elif leg.determination != _determined(campaign, result, leg, model):
+            continue
+        found: object = None  # what the campaign leaves open at the proved point, or the center
+        if result.options.delta != 0.0:
+            kept = np.isin(campaign.measurement_ids, leg.bracket.left_out, invert=True)
+            try:
+                with np.errstate(all="ignore"):
+                    at = np.array(leg.bracket.point or leg.center)
+                    found = determination(campaign.rows(np.flatnonzero(kept)), leg.leg, at, model)
+            except np.linalg.LinAlgError:
+                found = "of a point that is too far away"
+        if leg.determination != found:
             yield f"states other parameters of leg {leg.leg} as undetermined than the campaign leaves open"
         elif result.options.center == "nominal" and leg.bracket.center != tuple(campaign.robot.parameters[leg.leg - 1]):
             yield f"states another center of the box of leg {leg.leg} than the nominal parameters"
-
-
-def _determined(campaign: Campaign, result: Result, leg: LegResult, model: LegModel) -> object:
-    """What the campaign leaves open at the proved point, or the center."""
-    if result.options.delta == 0.0:
-        return None
-    kept = np.isin(campaign.measurement_ids, leg.bracket.left_out, invert=True)
-    try:
-        with np.errstate(all="ignore"):
-            at = np.array(leg.bracket.point or leg.center)
-            return determination(campaign.rows(np.flatnonzero(kept)), leg.leg, at, model)
-    except np.linalg.LinAlgError:
-        return "of a point that is too far away"
 
 
 def of_accuracy(folder: Path) -> Iterator[Statement]:

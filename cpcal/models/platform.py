@@ -38,7 +38,7 @@ from cpcal.solver.contract import Contraction
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.interval.numbers import Intervals as Numbers
 from cpcal.solver.interval.numbers import joined
-from cpcal.solver.search import Decision, EventKind, Node, Piece, Search
+from cpcal.solver.search.search import Decision, EventKind, Node, Piece, Search
 
 # ------------------------------------------------------------------------------------------------------------------
 # Interval vectors and matrices, many at a time: the last axes count components, those before broadcast.

@@ -20,7 +20,7 @@ from cpcal.solver.certificate.recording import UncertifiedError
 from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.model import Paving
 from cpcal.solver.optimize.bound import Bracket, Minimum
-from cpcal.solver.search import Event
+from cpcal.solver.search.search import Event
 
 MOST = 2**26  # bytes
 READERS = {".bch": read_minibex, ".mbx": read_minibex, ".nl": read_nl}

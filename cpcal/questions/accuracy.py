@@ -520,17 +520,13 @@ def expanded_uncertainty(campaign: Campaign, controller: Robot, poses: Pose, hel
     fitted = Robot.from_parameters("fit", found.parameters)
     inverse = pose_inverse(pose_jacobian(controller, poses), held)[:, :3]
     offset = np.einsum("kin,kn->ki", inverse, inverse_kinematics(fitted, poses) - inverse_kinematics(controller, poses))
-    count, legs = found.residuals.shape
     if found.freedom <= 0.0:
         return np.full(len(offset), np.inf)
-    (left, values, right), seen = found.svd, found.determined
-    scatter = found.residuals.T @ found.residuals / found.freedom
-    moves = (inverse[..., None] * leg_changes(fitted, poses)[:, None]).reshape(-1, 3, 7 * legs)
-    along = (moves @ right[seen].T / values[seen]) @ left[:, seen].T
-    blocks = along.reshape(*along.shape[:2], count, legs)
-    variance = np.einsum("kipa,ab,kjpb->kij", blocks, scatter, blocks, optimize=True)
+    scatter, seen = found.residuals.T @ found.residuals / found.freedom, found.svd[2][found.determined]
+    moves = (inverse[..., None] * leg_changes(fitted, poses)[:, None]).reshape(-1, 3, found.parameters.size)
+    variance = moves @ found.determined_covariance @ np.swapaxes(moves, 1, 2)
     variance += inverse @ scatter @ np.swapaxes(inverse, 1, 2)
-    lost = np.linalg.norm(moves - moves @ right[seen].T @ right[seen], axis=2) > 1e-6 * np.linalg.norm(moves, axis=2)
+    lost = np.linalg.norm(moves - moves @ seen.T @ seen, axis=2) > 1e-6 * np.linalg.norm(moves, axis=2)
     size = np.maximum(np.trace(variance, axis1=1, axis2=2), 1e-300)
     quantile = special.fdtri(size**2 / np.maximum(np.sum(variance**2, axis=(1, 2)), 1e-300), found.freedom, 0.95)
     return np.where(lost.any(axis=1), np.inf, np.linalg.norm(offset, axis=1) + np.sqrt(size * quantile))

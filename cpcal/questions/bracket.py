@@ -27,7 +27,7 @@ from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.optimize.bound import Bracket, Minimum, minimize, run
 from cpcal.solver.optimize.timeout import TimeoutOutcome, ask, timeout
 from cpcal.solver.optimize.witness import Prepared, Witness
-from cpcal.solver.search import Contracting, LargestFirst, Proof, StepProver
+from cpcal.solver.search.passes import Contracting, LargestFirst, Proof, StepProver
 
 # ------------------------------------------------------------------------------------------------------------------
 # One leg, or some of its measurements, set up for the searches about it.

@@ -465,11 +465,6 @@ class LegResult:
     def certified(self) -> bool:
         return bool(self.bracket.certificate or self.bracket.proofs or self.bracket.point_certificate)
 
-    @property
-    def not_refuted(self) -> bool:
-        """Whether the model without any error is proved to fit: eps* = 0."""
-        return self.bracket.hi == 0.0
-
 
 @dataclass(frozen=True)
 class CampaignNote:

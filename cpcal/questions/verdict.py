@@ -211,7 +211,7 @@ def status_of(result: Result, leg: LegResult) -> str:
             what = f"No x in the box, with legs longer than {eps} mm, satisfies all equations to within {eps} mm"
             return f"{what} for any readings: proved."
         return f"Stopped before it was known if any x satisfies the equations to within {eps} mm."
-    if leg.not_refuted:
+    if hi == 0.0:
         how = "proved in exact arithmetic" if leg.certified else "proved"
         return f"Some x in the box fits within the stated reading uncertainty (for some readings): {how}."
     if options.method == "bound":

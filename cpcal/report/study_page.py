@@ -360,7 +360,7 @@ def _exact_sentence(result: Result) -> str:
     }
     none, some, rest = answers.values()
     for leg in result.legs:
-        (none if leg.bracket.lo > 0.0 else some if leg.not_refuted else rest).append(str(leg.leg))
+        (none if leg.bracket.lo > 0.0 else some if leg.bracket.hi == 0.0 else rest).append(str(leg.leg))
     text = "; ".join(f"{answer} (leg {', '.join(legs)})" for answer, legs in answers.items() if legs)
     return f"{text[0].upper()}{text[1:]}." if text else "No leg was finished."
 

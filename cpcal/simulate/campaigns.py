@@ -333,17 +333,37 @@ def simulate_study(
     shape, _, pose, noise_c, _, frames, approach_c, noise_v, approach_v = streams(seed, 9)
     true_robot = Robot.from_parameters(robot.name, robot.parameters + deviation * shape.standard_normal((6, 7)))
     mechanisms = mechanisms_of(options)
-    drawn_camera, target = _camera(frames), _target(frames)
-    truth = Truth(seed, true_robot, drawn_camera if camera is None else camera, target)
-    scales = (noise, noise if pose_noise is None else pose_noise)
+    # aimed by eye: a camera about a metre above the base that looks down, and the target on the mobile platform
+    place = np.array([*frames.normal(0.0, 50.0, 2), frames.uniform(900.0, 1100.0)])
+    looking = quaternion_product(_loosely_upright(frames, math.radians(5.0)), [0.0, 1.0, 0.0, 0.0])
+    above = Pose(-rotation_matrix(looking) @ place, normalised(looking))
+    fixed = np.array([*frames.normal(0.0, 20.0, 2), frames.uniform(5.0, 20.0)])
+    target = Pose(fixed, normalised(_loosely_upright(frames, math.radians(2.0))))
+    truth = Truth(seed, true_robot, above if camera is None else camera, target)
+    rows = max(images, 1)
+    share = noise if pose_noise is None else pose_noise
+    share = share if images else share / math.sqrt(MEAN_OF)
 
     def table(extremal: bool, runs: int, approach: Stream, noisy: Stream) -> PoseTable:
+        """What camera and sensors say of the poses, one after the other."""
         drawn = 0 if extremal else random_poses
         bounds = np.tile(np.array(stroke)[:, None], 6)
         names, readings = configurations(bounds, pose, random_poses=drawn, extremal=extremal)
         poses = true_poses(true_robot, mechanisms, readings, stroke, runs, approach)
         ids = [(name, str(run)) for name in names for run in range(1, runs + 1)]
-        return _recorded(truth, ids, poses, np.repeat(readings, runs, axis=0), images, scales, truncate, noisy)
+        readings = np.repeat(readings, runs, axis=0)
+        length = readings + noise * standard_noise(noisy, readings.shape, truncate) * np.array(LENGTH_SIGMA)
+        seen = compose(compose(truth.camera, poses), target)
+        draw = share * standard_noise(noisy, (len(ids) * rows, 6), truncate)
+        turn = small_rotation(draw[:, 3:] * np.radians(EULER_SIGMA))
+        return PoseTable(
+            tuple(pose for pose, _ in ids for _ in range(rows)),
+            tuple(run for _, run in ids for _ in range(rows)),
+            np.repeat(seen.position, rows, axis=0) + draw[:, :3] * np.array(POSITION_SIGMA),
+            normalised(quaternion_product(turn, np.repeat(seen.quaternion, rows, axis=0))),
+            np.repeat(length, rows, axis=0),
+            tuple(str(image) for _ in ids for image in range(1, rows + 1)) if images else None,
+        )
 
     left_out = {"robot", "camera", *(("pose_noise",) if pose_noise is None else ())}
     told = {name: value for name, value in options.items() if name not in left_out}
@@ -369,47 +389,6 @@ def true_poses(
     poses = assembled_with(robot, mechanisms, np.repeat(readings, runs, axis=0), ideal, came)
     check_branch(robot, poses, central_pose(robot, np.full(robot.legs, 0.5 * (stroke[0] + stroke[1]))))
     return poses
-
-
-def _recorded(
-    truth: Truth,
-    ids: list[tuple[str, str]],
-    poses: Pose,
-    readings: Floats,
-    images: int,
-    noise: tuple[float, float],
-    truncate: float | None,
-    stream: Stream,
-) -> PoseTable:
-    """What camera and sensors say of the poses (M), one after the other: M rows, or M images rows."""
-    rows = max(images, 1)
-    share = noise[1] if images else noise[1] / math.sqrt(MEAN_OF)
-    length = readings + noise[0] * standard_noise(stream, readings.shape, truncate) * np.array(LENGTH_SIGMA)
-    seen = compose(compose(truth.camera, poses), truth.target)
-    draw = share * standard_noise(stream, (len(ids) * rows, 6), truncate)
-    turn = small_rotation(draw[:, 3:] * np.radians(EULER_SIGMA))
-    return PoseTable(
-        tuple(pose for pose, _ in ids for _ in range(rows)),
-        tuple(run for _, run in ids for _ in range(rows)),
-        np.repeat(seen.position, rows, axis=0) + draw[:, :3] * np.array(POSITION_SIGMA),
-        normalised(quaternion_product(turn, np.repeat(seen.quaternion, rows, axis=0))),
-        np.repeat(length, rows, axis=0),
-        tuple(str(image) for _ in ids for image in range(1, rows + 1)) if images else None,
-    )
-
-
-def _camera(stream: Stream) -> Pose:
-    """The base frame seen by a camera about a metre above the base that looks down, aimed by eye."""
-    place = np.array([*stream.normal(0.0, 50.0, 2), stream.uniform(900.0, 1100.0)])
-    down = np.array([0.0, 1.0, 0.0, 0.0])
-    quaternion = quaternion_product(_loosely_upright(stream, math.radians(5.0)), down)
-    return Pose(-rotation_matrix(quaternion) @ place, normalised(quaternion))
-
-
-def _target(stream: Stream) -> Pose:
-    """The target frame on the mobile platform, put there by eye."""
-    position = np.array([*stream.normal(0.0, 20.0, 2), stream.uniform(5.0, 20.0)])
-    return Pose(position, normalised(_loosely_upright(stream, math.radians(2.0))))
 
 
 def _loosely_upright(stream: Stream, tilt: float) -> Floats:

@@ -42,27 +42,18 @@ from cpcal.solver.contract import (
 from cpcal.solver.execution.checkpoint_file import Checkpoint
 from cpcal.solver.execution.executors import Here, Place, executor_for, linear_algebra_on_one_thread
 from cpcal.solver.execution.stopping import heard
-from cpcal.solver.existence import Equalities, Inside, UniquenessProver, reads
+from cpcal.solver.existence.operators import Equalities
+from cpcal.solver.existence.unique import Inside, UniquenessProver, reads
 from cpcal.solver.interval import Box
 from cpcal.solver.interval.numbers import float_bounds
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, PolynomialForms, evaluate
 from cpcal.solver.network.expression import as_expr, topological
 from cpcal.solver.network.forms import with_products
 from cpcal.solver.optimize.bound import Bracket, Minimum, minimize, run
-from cpcal.solver.search import (
-    ORDERS,
-    STRATEGIES,
-    Contender,
-    Contracting,
-    Divide,
-    Observer,
-    Paving,
-    Race,
-    Search,
-    Solution,
-    conclusion,
-)
-from cpcal.solver.search.race import checkpoint_of, raced
+from cpcal.solver.search.passes import STRATEGIES, Contracting, Divide
+from cpcal.solver.search.paving import Paving, Solution, conclusion
+from cpcal.solver.search.race import Contender, Race, checkpoint_of, raced
+from cpcal.solver.search.search import ORDERS, Observer, Search
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -137,17 +128,6 @@ def resolution(
     finest = min(widest * _BOXES ** (-1.0 / freedom), np.inf)
     finest = max(finest, 5e-324)  # of a domain next to the least float it is zero
     return round(finest, -math.floor(math.log10(finest))), reach, unit  # one digit
-
-
-def width_sentence(width: float, reach: Floats) -> str:
-    """What `resolution` chose, to follow a sentence; empty for the width of single points."""
-    if width == FINE_WIDTH:
-        return ""
-    shape, chosen = "Solutions form curves or regions", f"width {stated(width)} was chosen"
-    said = f" {shape}: {chosen}, width=... asks for another."
-    if np.isfinite(reach).any():
-        said += f" They may run to infinity: further than {stated(REACH)} from 0 boxes are not divided."
-    return said
 
 
 def checked_limits(limits: Limits | None, **named: float | None) -> Limits:
@@ -452,7 +432,11 @@ class Network(ConstraintNetwork):
                 )
                 used = row_use(network, built[choice.methods[race.contenders.index(race.leader)]])
             said = f"{choice.why}: {race.sentence()}" if chooses else choice.why
-            said += width_sentence(finest, reach) if width is None else ""
+            if width is None and finest != FINE_WIDTH:
+                shape, chosen = "Solutions form curves or regions", f"width {stated(finest)} was chosen"
+                said += f" {shape}: {chosen}, width=... asks for another."
+                if np.isfinite(reach).any():
+                    said += f" They may run to infinity: further than {stated(REACH)} from 0 boxes are not divided."
             return replace(paving, method=said, width=finest, row_use=used)
         except TimeUp as late:
             said = f"Not begun: {late}; the domain holds all solutions."

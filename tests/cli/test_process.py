@@ -16,7 +16,7 @@ from cpcal.cli.certify import show_result
 from cpcal.cli.verbs import Line, Talk, line
 from cpcal.models import PLAIN
 from cpcal.solver.optimize.bound import Bracket
-from cpcal.solver.search import Event
+from cpcal.solver.search.search import Event
 from tests.cli.command import run
 
 # A real signal, sent when leg 2 reports its first bracket. Runners may start us with SIGINT ignored.

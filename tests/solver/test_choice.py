@@ -9,7 +9,9 @@ from cpcal.common.errors import ModelError
 from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.model import choice_to_minimize, choice_to_solve
 from cpcal.solver.network.polynomial import PolynomialForms
-from cpcal.solver.search import Contender, Divide, LargestFirst, Race, Search
+from cpcal.solver.search.passes import Divide, LargestFirst
+from cpcal.solver.search.race import Contender, Race
+from cpcal.solver.search.search import Search
 from tests.networks import network
 
 

@@ -13,7 +13,7 @@ from cpcal.common.errors import ModelError
 from cpcal.solver.certificate import recording
 from cpcal.solver.certificate.recording import claims_of
 from cpcal.solver.contract import Limits, Verdict
-from cpcal.solver.existence import Inside
+from cpcal.solver.existence.unique import Inside
 from cpcal.solver.interval import Box
 from cpcal.solver.network.expression import as_expr
 from cpcal.solver.optimize.witness import WitnessProver

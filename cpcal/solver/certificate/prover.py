@@ -31,7 +31,7 @@ from cpcal.solver.contract import Contraction, Step, StepWeights, shrunk
 from cpcal.solver.interval import Box
 from cpcal.solver.interval.numbers import round_down, round_up
 from cpcal.solver.linear import Dense, LinearSolution, LinearStatus
-from cpcal.solver.search import Proof
+from cpcal.solver.search.passes import Proof
 
 if TYPE_CHECKING:
     from cpcal.checker import frames, sight

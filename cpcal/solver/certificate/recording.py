@@ -34,7 +34,7 @@ from cpcal.solver.execution.checkpoint_file import Checkpoint, Line
 from cpcal.solver.execution.stopping import asked
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize.bound import Minimum, Saved
-from cpcal.solver.search import Event, EventKind
+from cpcal.solver.search.search import Event, EventKind
 
 # ------------------------------------------------------------------------------------------------------------------
 # Nobody is given a certificate that `cpcal verify` would refuse: it is checked before it is written.

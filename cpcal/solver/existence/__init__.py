@@ -9,31 +9,6 @@ the infinity that proves nothing (`upper_ends`), because `max(-inf, nan)` is -in
 row at all (`sides`).
 """
 
-from cpcal.solver.existence.operators import Equalities, newton_all
-from cpcal.solver.existence.unique import (
-    Inside,
-    ReadingConstraint,
-    Unique,
-    UniquenessProver,
-    excess_for_some,
-    highest,
-    prove_unique,
-    reads,
-    sides,
-    upper_ends,
-)
+from cpcal.solver.existence.unique import Inside, prove_unique
 
-__all__ = [
-    "Equalities",
-    "Inside",
-    "ReadingConstraint",
-    "Unique",
-    "UniquenessProver",
-    "excess_for_some",
-    "highest",
-    "newton_all",
-    "prove_unique",
-    "reads",
-    "sides",
-    "upper_ends",
-]
+__all__ = ["Inside", "prove_unique"]

@@ -27,22 +27,19 @@ from cpcal.solver.interval.box import Variable
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.optimize.local import Incumbent, Known
 from cpcal.solver.optimize.witness import Prepared, Witness
-from cpcal.solver.search import (
-    Contracting,
+from cpcal.solver.search.passes import Contracting, LargestFirst, StepProver, bisect, divided, light
+from cpcal.solver.search.search import (
+    Branch,
     Decision,
     Event,
     EventKind,
-    LargestFirst,
     Node,
     Observer,
     Piece,
     Search,
-    StepProver,
-    bisect,
-    divided,
-    light,
+    Standing,
+    rows_of,
 )
-from cpcal.solver.search.search import Branch, Standing, rows_of
 
 # ------------------------------------------------------------------------------------------------------------------
 # What is done to one node of the branch and bound: cut with the incumbent, contract, decide what comes next.

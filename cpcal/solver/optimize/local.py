@@ -18,7 +18,7 @@ import numpy as np
 
 from cpcal.common.values import Floats, Indices
 from cpcal.solver.contract import Limits
-from cpcal.solver.existence import reads
+from cpcal.solver.existence.unique import reads
 from cpcal.solver.interval import Box
 from cpcal.solver.linear import Dense, LinearStatus
 from cpcal.solver.network import ConstraintNetwork

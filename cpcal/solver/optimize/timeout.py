@@ -19,7 +19,8 @@ from cpcal.solver.contract import Limits, Strategy
 from cpcal.solver.execution.stopping import asked
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize.witness import Witness, WitnessProver
-from cpcal.solver.search import Contracting, Divide, Event, EventKind, Node, Observer, Piece, Search
+from cpcal.solver.search.passes import Contracting, Divide
+from cpcal.solver.search.search import Event, EventKind, Node, Observer, Piece, Search
 
 _CLOSE = 1.0 / 16.0  # of the bracket: an eps nearer than this to its lower end is too close
 _SHRINK = 0.9  # of a width: another pass of the contractor is worth while

@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from cpcal.common.values import ArrayLike, Bools, Floats, Indices
-from cpcal.solver.existence import (
-    Equalities,
+from cpcal.solver.existence.operators import Equalities
+from cpcal.solver.existence.unique import (
     ReadingConstraint,
     UniquenessProver,
     excess_for_some,

@@ -184,7 +184,14 @@ class Search(Iterator[Event]):
         node = self.begun[0]
         decision = self._decision(node)
         check_rounding()  # a plug-in that changed it makes all contractors after it unsound
-        children = self._stored(node, decision)
+        children: tuple[Node, ...] = ()
+        if decision.kind is EventKind.INSIDE:
+            self.inside.extend(piece.box for piece in decision.pieces)
+        elif decision.kind is EventKind.KEPT:
+            self.kept.extend(decision.pieces)
+        else:
+            depth = node.depth + (decision.kind is EventKind.SPLIT)
+            children = tuple(self._push(piece, depth) for piece in decision.pieces)
         self.outside.extend(decision.removed)
         self.begun = [*(child for child in children if child.decided is not None), *self.begun[1:]]
         self._decided.pop(node.serial, None)
@@ -200,17 +207,6 @@ class Search(Iterator[Event]):
         nodes = [one for one in self.begun if one.decided is None][: self._batch]
         self._decided = {one.serial: decision for one, decision in zip(nodes, together(nodes), strict=True)}
         return self._decided[node.serial]
-
-    def _stored(self, node: Node, decision: Decision) -> tuple[Node, ...]:
-        """Keep or queue the pieces; the nodes that they became."""
-        if decision.kind is EventKind.INSIDE:
-            self.inside.extend(piece.box for piece in decision.pieces)
-        elif decision.kind is EventKind.KEPT:
-            self.kept.extend(decision.pieces)
-        else:
-            depth = node.depth + (decision.kind is EventKind.SPLIT)
-            return tuple(self._push(piece, depth) for piece in decision.pieces)
-        return ()
 
     def _push(self, piece: Piece, depth: int) -> Node:
         node = Node(piece.box, depth, self.created, piece.state, piece.decided)

@@ -28,7 +28,7 @@ from cpcal.solver.certificate.recording import Recording, UncertifiedError, clai
 from cpcal.solver.contract import Contraction, Limits
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize.bound import minimize, run
-from cpcal.solver.search import Decision, Event, EventKind, Node
+from cpcal.solver.search.search import Decision, Event, EventKind, Node
 from tests.checker.proofs import all_readings
 from tests.checker.valid.exact_legs import in_fractions
 from tests.networks import network

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cpcal.solver.existence import Equalities, Inside, UniquenessProver, prove_unique
-from cpcal.solver.existence.operators import inside, newton_image
-from cpcal.solver.existence.unique import ReadingConstraint
+from cpcal.solver.existence.operators import Equalities, inside, newton_image
+from cpcal.solver.existence.unique import Inside, ReadingConstraint, UniquenessProver, prove_unique
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, Expr, norm, sqr, sqrt
 from tests.networks import network

@@ -17,7 +17,7 @@ from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork, sqr
 from cpcal.solver.optimize.timeout import TimeoutOutcome, ask, timeout
 from cpcal.solver.optimize.witness import Witness, WitnessProver
-from cpcal.solver.search import Contracting, LargestFirst
+from cpcal.solver.search.passes import Contracting, LargestFirst
 
 
 def play(answers: str, *, lo: float = 0.0, hi: float = 1.0) -> list[Trial]:

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from contractors import HC4, Newton
 from cpcal import Interval, Limits, Verdict, norm, sqr
 from cpcal.solver.contract import Contraction, Then
-from cpcal.solver.existence import UniquenessProver
+from cpcal.solver.existence.unique import UniquenessProver
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.search import ORDERS, STRATEGIES, Divide, EventKind, LargestFirst, Paving, Search, bisect
-from cpcal.solver.search.passes import Smear
-from cpcal.solver.search.search import clusters, difference, volume
+from cpcal.solver.search.passes import STRATEGIES, Divide, LargestFirst, Smear, bisect
+from cpcal.solver.search.paving import Paving
+from cpcal.solver.search.search import ORDERS, EventKind, Search, clusters, difference, volume
 from tests.networks import network
 
 
