@@ -41,7 +41,8 @@ from .rule import Box, Problem
 
 AXES = range(3)
 R_X, T_X, R_F, T_F, E_, F_ = range(9), range(9, 12), range(12, 21), range(21, 24), range(24, 27), range(27, 30)
-GIVEN = dict(zip((f"{frame}.{axis}" for frame in ("camera", "target") for axis in "xyz"), (*T_X, *T_F), strict=True))
+GIVEN = {f"camera.{what}": i for what, i in zip(("x", "y", "z", "tilt"), (*T_X, R_X[-1]), strict=True)}
+GIVEN |= {f"target.{what}": i for what, i in zip(("x", "y", "z", "tilt"), (*T_F, R_F[-1]), strict=True)}
 SIZE = 30  # unknowns of frames; those of an image follow: its board's turn (9) and place (3), and 6 of its reading
 EQUATIONS = 21  # of a rotation
 SIDES = ("u+", "u-", "v+", "v-", "turn+", "turn-", "tie+", "tie-", "link+", "link-", "pose+", "pose-")
@@ -49,7 +50,7 @@ STAGES = ("image", "links", "frames")
 _FINE = 64  # bits of what a link may be off
 Matrix = Sequence[Sequence[Any]]
 Vector = Sequence[F]
-Known = Sequence[tuple[str, F, F]]  # positions that a user knows: a name of GIVEN, least and greatest value in mm
+Known = Sequence[tuple[str, F, F]]  # what a user knows: a name of GIVEN, least and greatest value in its unit
 
 
 @dataclass(frozen=True)
@@ -273,12 +274,13 @@ _OUTWARD = 40  # bits behind the point
 
 def asked_box(center: Vector, reach: F, angle: F | None, known: Known, hand: Vector, board: Vector) -> Box:
     """Of frames whose positions are within `reach` (mm) of a center's, or where they are known, and rotations within
-    `angle` (degrees).
+    `angle` (degrees), whose z axes are tilted as is known.
 
     `center` (14): position and quaternion of X, then of F. Entries of rotations that differ by an angle differ by at
-    most 2 sin(angle / 2).
+    most 2 sin(angle / 2). A tilt t, from 0 to 180 degrees, has the last entry cos t = 1 - 2 sin(t / 2)^2 = 2 sin(90 -
+    t / 2)^2 - 1.
     """
-    span, way = number(2 if angle is None else 2 * _sine_above(angle * _PI_ABOVE / 360)), number(reach)
+    span, way = number(2 if angle is None else 2 * _half_sine_above(angle)), number(reach)
     ends: list[Bounds] = []
     for k in (0, 7):
         turn = enclosed_rotation(numbers(center[k + 3 : k + 7]))
@@ -287,6 +289,10 @@ def asked_box(center: Vector, reach: F, angle: F | None, known: Known, hand: Vec
     for name, low, high in known:
         if low > high or [one for one, *_ in known].count(name) > 1:
             raise Refused(f"{name} is given twice, or its least value is above its greatest")
+        if unit(name) == "degrees":
+            if low < 0 or high > 180:
+                raise Refused(f"{name} is not from 0 to 180 degrees")
+            low, high = 1 - 2 * _half_sine_above(high) ** 2, 2 * _half_sine_above(180 - low) ** 2 - 1
         ends[GIVEN[name]] = between(low, high)
     x, t_x, f, t_f = ends[:9], ends[9:12], ends[12:21], ends[21:]
     ends += applied(transposed(matrix(x)), minus(numbers(hand), t_x))  # e = R_X' (w - t_X)
@@ -304,9 +310,14 @@ def holds(placed: Vector, center: Vector, reach: F, angle: F | None, known: Know
     return all(lo <= v <= hi for lo, v, hi in zip(box.lo, at, box.hi, strict=False))
 
 
-def _sine_above(angle: F) -> F:
-    """An upper bound of the sine of an angle from 0: its series, which alternates, to x^17 / 17!."""
-    term = total = angle
+def unit(name: str) -> str:
+    """Of what a user knows."""
+    return "degrees" if name.endswith("tilt") else "mm"
+
+
+def _half_sine_above(degrees: F) -> F:
+    """An upper bound of the sine of half an angle up to 180 degrees: its series, which alternates, to x^17 / 17!."""
+    term = total = angle = degrees * _PI_ABOVE / 360
     for k in range(1, 9):
         term *= -angle * angle / (2 * k * (2 * k + 1))
         total += term

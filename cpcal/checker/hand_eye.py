@@ -35,6 +35,7 @@ from .frames import (
     before_camera,
     holds,
     rotation,
+    unit,
 )
 from .lens import Cameras, values
 from .polynomial import applied, minus, plus, product, transposed
@@ -417,7 +418,7 @@ class _Run:
         reach, angle = (None if v is None else repr(float(v)).removesuffix(".0") for v in numbers)
         turned = "any rotation" if angle is None else f"rotations within {angle} degrees"
         without = f", without {', '.join(result['left_out'])}" if len(kept) < len(study.images) else ""
-        ends = (f"{name} from {float(low)!r} to {float(high)!r} mm" for name, low, high in known)
+        ends = (f"{name} from {float(low)!r} to {float(high)!r} {unit(name)}" for name, low, high in known)
         given = f"; given, not proved: {', '.join(ends)}" if known else ""
         return f"box: {turned}, positions within {reach} mm of its centre{without}{given}"
 

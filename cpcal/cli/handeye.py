@@ -178,7 +178,10 @@ def certify(
         "--off",
     ),
     known: str = option(
-        "", "Positions that you know, mm: of camera or target, in the hand or base frame.", "camera.z=LOW:HIGH,..."
+        "",
+        "What you know of camera or target in the hand or base frame: x, y, z (mm), or the tilt between their z axes "
+        "(degrees).",
+        "camera.z=LOW:HIGH,...",
     ),
     gap: float = option(GAP, "Relative width of the bracket that is asked for."),
     time_limit: float | None = option(None, "Seconds for each proof, at most.", "S"),

@@ -72,10 +72,11 @@ class PlacedFrames:
 
     @staticmethod
     def of(frames: HandEyeFrames, given: Floats | None = None) -> PlacedFrames:
-        """With positions between the ends `given` (2, 6)."""
+        """With positions between the ends `given` (2, 8)."""
         turn = frames.e_rotation.T
-        places = np.concatenate([-turn @ frames.e_translation, frames.f_translation])
-        camera, target = np.split(places if given is None else np.clip(places, *given), 2)
+        camera, target = -turn @ frames.e_translation, frames.f_translation
+        if given is not None:
+            camera, target = np.clip(camera, *given[:, :3]), np.clip(target, *given[:, 4:7])
         return PlacedFrames(
             tuple(camera.tolist()),
             tuple(quaternion_from_matrix(turn).tolist()),

@@ -23,7 +23,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from cpcal.checker.files import STUDY_NAME
-from cpcal.checker.frames import GIVEN
+from cpcal.checker.frames import GIVEN, unit
 from cpcal.checker.hand_eye import STUDY_FORMAT
 from cpcal.common.documents import KeyPath, TomlReader, csv_table, document, json_object, one_of, text
 from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
@@ -57,7 +57,7 @@ class HandEyeStudy(Value):
     pose_half_width  (n, 6) mm and rad: the true pose is position + d, R(1, s) R(q) with |d| and |2 s| at most that on
                 each axis of the base frame; 0 where poses are taken as exact
     provenance  what is known of its making: `generator`, `half_widths`, ...
-    known       positions that a user knows: a name of GIVEN, least and greatest value in mm; no file holds them
+    known       what a user knows: a name of GIVEN, least and greatest value in mm or degrees; no file holds it
 
     Raises InputError for arrays that do not belong together.
     """
@@ -98,10 +98,12 @@ class HandEyeStudy(Value):
 
     @property
     def given(self) -> Floats:
-        """(2, 6) mm: least and greatest positions of camera and target, as far as they are known."""
+        """(2, 8) mm and degrees: least and greatest positions and tilt of camera and target, as far as they are known;
+        tilts by a billionth narrower, for rounding."""
         ends, names = np.tile([[-np.inf], [np.inf]], len(GIVEN)), list(GIVEN)
-        for name, *values in self.known:
-            ends[:, names.index(name)] = values
+        for name, low, high in self.known:
+            slack = 1e-9 * (high - low) if unit(name) == "degrees" else 0.0
+            ends[:, names.index(name)] = low + slack, high - slack
         return np.asarray(ends)
 
     @property

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.checker.frames import GIVEN
+from cpcal.checker.frames import GIVEN, unit
 from cpcal.common.errors import InputError, unusable
 from cpcal.common.least_squares import Blocks, Fit, least_squares
 from cpcal.common.numbers import nearest
@@ -44,11 +44,32 @@ class ReadFrames(NamedTuple):
 
 
 def places(frames: HandEyeFrames) -> tuple[Floats, Floats]:
-    """Positions of camera and target (6,), mm, and their derivatives (6, 12) by the motions of the frames."""
-    back, slope = frames.e_rotation.T, np.zeros((6, PARAMETERS))
+    """Position and tilt of camera and target (8,), mm and degrees, and their derivatives (8, 12) by the motions of the
+    frames."""
+    back, slope = frames.e_rotation.T, np.zeros((8, PARAMETERS))
+    (camera, slope[3, :3]), (target, slope[7, 6:9]) = map(_tilt, (frames.e_rotation, frames.f_rotation))
     slope[:3, :6] = -back @ np.concatenate([cross_matrix(frames.e_translation), np.eye(3)], axis=1)
-    slope[3:, 9:] = np.eye(3)
-    return np.concatenate([-back @ frames.e_translation, frames.f_translation]), slope
+    slope[4:7, 9:] = np.eye(3)
+    return np.concatenate([-back @ frames.e_translation, [camera], frames.f_translation, [target]]), slope
+
+
+def _tilt(turn: Floats) -> tuple[float, Floats]:
+    """Degrees between the z axes of a frame and of the one that it is turned in, and the derivative (3,) by a turn; of
+    axes that are the same by one about x."""
+    sine = float(np.hypot(turn[0, 2], turn[1, 2]))
+    axis = np.array([-turn[1, 2], turn[0, 2], 0.0]) / sine if sine else np.eye(3)[0]
+    return float(np.degrees(np.arctan2(sine, turn[2, 2]))), np.degrees(axis)
+
+
+def _tilted(turn: Floats, tilt: float) -> Floats:
+    """The rotation nearest to one with that tilt."""
+    now, slope = _tilt(turn)
+    return _turned(np.radians(np.radians(tilt - now) * slope), turn)
+
+
+def _turned(by: Floats, turn: Floats) -> Floats:
+    """A rotation turned further, by a rotation vector."""
+    return rotation_matrix(quaternion_from_rotation_vector(by)) @ turn
 
 
 class PixelModel:
@@ -115,25 +136,26 @@ class PixelModel:
         return whole
 
     def moved(self, at: ReadFrames, step: Floats) -> ReadFrames:
-        """By a step (size,): rotations turn by a vector; readings are kept within their half-widths, positions where
-        they are known."""
+        """By a step (size,): rotations turn by a vector; readings are kept within their half-widths, positions and
+        tilts where they are known."""
         old, readings, width = at.frames, at.readings, self.study.pose_half_width
         frames = HandEyeFrames(
-            rotation_matrix(quaternion_from_rotation_vector(step[:3])) @ old.e_rotation,
+            _turned(step[:3], old.e_rotation),
             old.e_translation + step[3:6],
-            rotation_matrix(quaternion_from_rotation_vector(step[6:9])) @ old.f_rotation,
+            _turned(step[6:9], old.f_rotation),
             old.f_translation + step[9:12],
         )
         if self._images:
             readings = np.clip(readings + step[PARAMETERS:].reshape(-1, READING), -width, width)
         if self.study.known:
-            camera, target = np.split(np.clip(places(frames)[0], *self.given), 2)
-            frames = frames._replace(e_translation=-frames.e_rotation @ camera, f_translation=target)
+            (*camera, leaning), (*target, tilt) = np.split(np.clip(places(frames)[0], *self.given), 2)
+            turn = _tilted(frames.e_rotation, leaning)
+            frames = HandEyeFrames(turn, -turn @ camera, _tilted(frames.f_rotation, tilt), np.array(target))
         return ReadFrames(frames, readings)
 
     def free(self, at: ReadFrames, arm: Floats = _NOWHERE) -> Floats:
-        """(12, m): steps of the frames that do not move positions whose ends are equal, orthonormal where E turns about
-        the place from which its own is off by the `arm`, mm."""
+        """(12, m): steps of the frames that do not move positions and tilts whose ends are equal, orthonormal where E
+        turns about the place from which its own is off by the `arm`, mm."""
         turning = np.eye(PARAMETERS)
         turning[3:6, :3] = -cross_matrix(arm)
         fixed = places(at.frames)[1][self.given[0] == self.given[1]] @ turning
@@ -168,7 +190,7 @@ def _weighted_fit(
     model: PixelModel, start: ReadFrames, pixel: float, deviation: Floats
 ) -> tuple[ReadFrames, Floats, Floats]:
     """Frames and readings from a start, the covariance (12, 12) of the frames, and the variances (n, 6) of readings.
-    Positions whose ends are equal are held.
+    Positions and tilts whose ends are equal are held.
 
     `pixel`: deviation in px, `deviation`: of readings (n, 6), mm and rad.
     """
@@ -214,7 +236,7 @@ _LOST = 1e-14  # of the scaled normal matrix: an eigenvalue that rounding leaves
 _WEAK, _OPEN = 10.0, 1e4  # times worse than across, to say so; mm
 _LEAST_PIXEL = 1e-6  # px, where single images fit without error
 _CONTRADICTS = 3.0  # standard deviations, in the sum of squares, that given values add
-_BEYOND = 1e-9  # mm: positions that rounding leaves beyond the ends of what is known
+_BEYOND = 1e-9  # mm, degrees: what rounding leaves beyond the ends of what is known
 _APART = 2.0  # how many times more all images together leave than single ones, where the robot's poses matter
 
 
@@ -275,7 +297,7 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
     residuals = model(at)
     with_given = float(np.sqrt(np.mean(residuals**2)))
     if with_given**2 > max(rms, _LEAST_PIXEL) ** 2 * (1.0 + _CONTRADICTS**2 / len(residuals)):
-        others = ", ".join(f"{name} at {nearest(free[name], 4)} mm" for name, *_ in study.known)
+        others = ", ".join(f"{name} at {nearest(free[name], 4)} {unit(name)}" for name, *_ in study.known)
         remarks.append(
             "The data contradict the given values: least squares fits to "
             f"{nearest(with_given, 3)} px rms with them, to {nearest(rms, 3)} px without, with {others}."
@@ -291,8 +313,8 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
 
 
 def _within_given(study: HandEyeStudy, at: ReadFrames, covariance: Floats, alone: float) -> tuple[ReadFrames, Floats]:
-    """Least squares again, from its answer, with positions that lie beyond what is known held at its nearer ends while
-    the data press them there; each is let go once at most."""
+    """Least squares again, from its answer, with positions and tilts that lie beyond what is known held at its nearer
+    ends while the data press them there; each is let go once at most."""
     (low, high), names, model = study.given, list(GIVEN), PixelModel(study)
     ends, released = dict[int, float](), set[int]()
     while True:
@@ -315,8 +337,8 @@ def _within_given(study: HandEyeStudy, at: ReadFrames, covariance: Floats, alone
 
 
 def _fitted(study: HandEyeStudy, start: ReadFrames, alone: float) -> tuple[ReadFrames, Floats]:
-    """Least squares near a start, and the covariance (12, 12) of its frames; positions whose ends are equal are held.
-    `alone`: px per axis, what the poses of single images leave."""
+    """Least squares near a start, and the covariance (12, 12) of its frames; positions and tilts whose ends are equal
+    are held. `alone`: px per axis, what the poses of single images leave."""
     exact, model = PixelModel(study.exactly()), PixelModel(study)
     if not np.isfinite(model(start)).all():
         raise unusable("the given values", "put points behind the camera", "check them, and the setup")
@@ -331,7 +353,7 @@ def _fitted(study: HandEyeStudy, start: ReadFrames, alone: float) -> tuple[ReadF
 
     def moved(at: ReadFrames, step: Floats) -> ReadFrames:
         step, before = exact.free(at, arm(at)) @ step, arm(at)
-        after = rotation_matrix(quaternion_from_rotation_vector(step[:3])) @ before
+        after = _turned(step[:3], before)
         step[3:6] += after - before - np.cross(step[:3], before)  # what a turn does beyond first order
         return exact.moved(at, step)
 
@@ -473,7 +495,7 @@ def _weak_directions(setup: Setup, frames: HandEyeFrames, covariance: Floats) ->
     slope = places(frames)[1]
     hand, base = ("hand", "base") if setup == "eye-in-hand" else ("base", "hand")
     said = []
-    for name, frame, by in (("camera", hand, slope[:3]), ("target", base, slope[3:])):
+    for name, frame, by in (("camera", hand, slope[:3]), ("target", base, slope[4:7])):
         squares, axes = np.linalg.eigh(by @ covariance @ by.T)
         across, along = np.sqrt(np.maximum(squares[1:], 0.0)).tolist()
         if along > _WEAK * across:

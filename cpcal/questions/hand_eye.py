@@ -14,7 +14,7 @@ import numpy as np
 
 from cpcal.checker import Refused, Unusable
 from cpcal.checker.bounds import Bounds, between, matrix
-from cpcal.checker.frames import GIVEN, R_F, R_X, SIZE, T_F, T_X, holds, rotation
+from cpcal.checker.frames import GIVEN, R_F, R_X, SIZE, T_F, T_X, holds, rotation, unit
 from cpcal.checker.hand_eye import (
     BEYOND,
     HAND_EYE_FORMAT,
@@ -76,10 +76,11 @@ REACH = 2000.0  # mm: the box around the classical positions
 class Within:
     """A box about frames: positions within `reach` mm on each axis, rotations within `angle` degrees (None: any).
 
-    `known`: positions that you know, such as ("camera.z", -10.0, 10.0): mm, of the camera in the hand (eye in hand) or
-    base frame, or of the "target" in the other one. They take the place of the reach, and are not proved.
+    `known`: what you know, such as ("camera.z", -10.0, 10.0): a position in mm of the camera in the hand (eye in hand)
+    or base frame, or of the "target" in the other one, or a tilt in degrees, between the z axes of the two. It takes
+    the place of reach and angle, and is not proved.
 
-    Raises InputError for a reach or an angle that is none, and for known positions that are none.
+    Raises InputError for a reach or an angle that is none, and for known values that are none.
     """
 
     reach: Annotated[float, _ASKED] = REACH
@@ -92,20 +93,22 @@ class Within:
             remedy = "give degrees up to 180 and mm above 0, such as 60,1000; or any,2000 for any rotation"
             raise unusable("the box", what, remedy)
         for name, low, high in self.known:
-            if name not in GIVEN or not -1e6 < low < high < 1e6 or [one for one, *_ in self.known].count(name) > 1:
-                what = f"has {name} from {low} to {high} mm"
-                raise unusable("the box", what, f"give each of {', '.join(GIVEN)} once, the least value first")
+            least, most = (-1e6, 1e6) if unit(name) == "mm" else (0.0, 180.0)
+            if name not in GIVEN or not least <= low < high <= most or [one for one, *_ in self.known].count(name) > 1:
+                what = f"has {name} from {low} to {high} {unit(name)}"
+                remedy = f"give each of {', '.join(GIVEN)} once, the least value first, tilts from 0 to 180 degrees"
+                raise unusable("the box", what, remedy)
 
     @staticmethod
     def parsed(text: str, known: str = "") -> Within:
-        """Of `DEGREES,MM`, or `any,MM`, and of known positions, `camera.z=LOW:HIGH,...`. Raises InputError."""
+        """Of `DEGREES,MM`, or `any,MM`, and of known values, `camera.z=LOW:HIGH,...`. Raises InputError."""
         given = []
         for part in filter(None, known.split(",")):
             name, _, ends = part.partition("=")
             try:
                 low, high = map(float, ends.split(":"))
             except ValueError:
-                remedy = "give mm, such as camera.z=-10:10,target.z=0:5"
+                remedy = "give mm, or degrees of tilts, such as camera.z=-10:10,target.tilt=0:5"
                 raise unusable("option --known", f"is {known!r:.60}", remedy) from None
             given.append((name.strip(), low, high))
         try:
@@ -337,7 +340,7 @@ def certify_hand_eye(
                   target was on average
 
     Raises InputError for a point that is none, for studies without a classical answer, for one whose points lie outside
-    of the box or, where positions are known, behind the camera, and for fewer than four images a group.
+    of the box or, where values are known, behind the camera, and for fewer than four images a group.
     """
     began, every = time.monotonic(), range(len(study.images))
     wrong, most = tolerance is not None and not 0.0 <= tolerance < math.inf, max(len(every) // FEWEST - 2, 0)

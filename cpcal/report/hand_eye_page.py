@@ -276,11 +276,12 @@ def searched(found: HandEyeResult) -> str:
 
 
 def given_values(found: HandEyeResult) -> str:
-    """Positions that the user knows."""
-    ends = [
-        f"{_FRAMES[found.setup][name[:-2]]}, {name[-1]} from {stated(low)} to {stated(high)} mm"
-        for name, low, high in found.asked.known
-    ]
+    """What the user knows."""
+    ends = []
+    for name, low, high in found.asked.known:
+        frame, what = name.split(".")
+        unit = "degrees" if what == "tilt" else "mm"
+        ends.append(f"{_FRAMES[found.setup][frame]}, {what} from {stated(low)} to {stated(high)} {unit}")
     return f". Given by you, not proved: {'; '.join(ends)}" if ends else ""
 
 
@@ -312,9 +313,7 @@ def sentences(found: HandEyeResult) -> list[str]:
         told = found.provenance.get("half_widths", "as the study states")
         said.append(f"Robot poses are uncertain ({told}): a pixel is explained at some reading of its image's pose.")
     if not found.complete and not found.outliers:
-        more = (
-            "more time (--time-limit)" if found.timed else "a smaller --within, or a position that you know (--known),"
-        )
+        more = "more time (--time-limit)" if found.timed else "a smaller --within, or a value that you know (--known),"
         said.append(f"The bracket is open: {more} may close it.")
     if found.tolerance is not None and not found.outliers:
         word = {True: "met", False: "refuted: no frames in the box meet it", None: "undecided"}[found.passes]

@@ -5,6 +5,7 @@ from fractions import Fraction as F
 
 import numpy as np
 import pytest
+from flint import arb, fmpq
 
 from cpcal.checker import Refused
 from cpcal.checker.frames import EQUATIONS, SIDES, Rows, Study, asked_box, holds
@@ -237,6 +238,17 @@ def test_the_box_that_was_asked_for_holds_all_frames_within_its_angle_and_reach(
             F(float(v)) for v in product_of(np.array([0.6, 0.8, 0.0, 0.0]), np.array([float(v) for v in center[3:7]]))
         ]
         assert not holds(other, center, F(50), angle)
+
+
+@pytest.mark.parametrize("ends", [(0, 0), (0, 5), (F(1, 7), F(1, 3)), (30, 90), (90, 179), (180, 180)])
+@pytest.mark.parametrize(("name", "entry"), [("camera.tilt", 8), ("target.tilt", 20)])
+def test_a_known_tilt_bounds_the_cosine_in_a_rotation_from_outside(name, entry, ends):
+    low, high = map(F, ends)
+    box = asked_box([0, 0, 0, 1, 0, 0, 0] * 2, F(50), F(1), [(name, low, high)], [F(0)] * 3, [F(0)] * 3)
+    least, most = (arb.cos_pi_fmpq(fmpq(t.numerator, t.denominator) / 180) for t in (high, low))
+    lo, hi = (arb(fmpq(v.numerator, v.denominator)) for v in (box.lo[entry], box.hi[entry]))
+    assert least - 1e-11 < lo <= least
+    assert most <= hi < most + 1e-11
 
 
 def product_of(a, b):

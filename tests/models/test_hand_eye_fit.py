@@ -51,7 +51,7 @@ def test_of_a_cart_on_a_floor_all_is_found_but_the_height_whose_error_is_said(ti
     study, truth = cart(seed, tilt=tilt)
     found = classical_answer(study)
     assert found.rms < 0.1
-    off = (places(found.frames)[0] - places(truth)[0]).reshape(2, 3)
+    off = (places(found.frames)[0] - places(truth)[0]).reshape(2, 4)[:, :3]
     assert np.abs(off[:, :2]).max() < 0.5
     assert len(found.remarks) == 2
     for said, name, frame, error in zip(found.remarks, ("camera", "target"), ("hand", "base"), off[:, 2], strict=True):
@@ -63,14 +63,15 @@ def test_of_a_cart_on_a_floor_all_is_found_but_the_height_whose_error_is_said(ti
 @pytest.mark.parametrize("off", [0.0, 0.3, 20.0])
 @pytest.mark.parametrize("uncertain", [False, True])
 @pytest.mark.parametrize("seed", range(3))
-def test_known_positions_are_heeded_by_both_fits_and_nothing_near_is_better(seed, uncertain, off):
-    """Some of the two, up to all six, at the truth or `off` mm beside it; a cart leaves heights to them."""
+def test_known_positions_and_tilts_are_heeded_by_both_fits_and_nothing_near_is_better(seed, uncertain, off):
+    """Two of them or more, up to all eight, at the truth or `off` mm or degrees beside it; a cart leaves heights to
+    them."""
     random = np.random.default_rng(seed)
     simulated = SimulatedHandEye(*cart(seed, images=6)) if seed else simulate_hand_eye(images=6, seed=seed)
     study, true = simulated.study, places(simulated.truth)[0]
-    half = random.uniform(0.01, 0.5, 6)
-    middle = true + off * random.choice([-1.0, 0.0, 1.0], 6) + 0.9 * half * random.uniform(-1.0, 1.0, 6)
-    chosen = sorted(random.choice(6, random.integers(2, 7), replace=False))
+    half = random.uniform(0.01, 0.5, 8)
+    middle = true + off * random.choice([-1.0, 0.0, 1.0], 8) + 0.9 * half * random.uniform(-1.0, 1.0, 8)
+    chosen = sorted(random.choice(8, random.integers(2, 9), replace=False))
     known = tuple((list(GIVEN)[k], float(middle[k] - half[k]), float(middle[k] + half[k])) for k in chosen)
     study = with_half_widths(replace(study, known=known), "0.1,0.02" if uncertain else "0,0")
     answer, model, (low, high) = classical_answer(study), PixelModel(study), study.given

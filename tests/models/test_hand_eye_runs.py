@@ -125,14 +125,14 @@ def wrong(tmp_path_factory):
         return certified(run, outliers=1, within=NEAR)
 
 
-KNOWN = ("camera.z", 291.0, 301.0)  # mm; 300 is true
+KNOWN = ("camera.z", 291.0, 301.0), ("target.tilt", 84.77, 84.8)  # mm, degrees; 300 and 84.787 are true
 
 
 @pytest.fixture(scope="module")
 def given(tmp_path_factory):
-    """A cart turns about the height alone; how high the camera is on it, the user knows."""
+    """A cart turns about the height alone; how high the camera is on it, and how the target leans, the user knows."""
     run = Run(tmp_path_factory.mktemp("runs") / "given", *cart(1, images=5))
-    return certified(run, within=Within(known=(KNOWN,)))
+    return certified(run, within=Within(known=KNOWN))
 
 
 # what is true ------------------------------------------------------------------------------------------------------
@@ -189,21 +189,25 @@ def test_a_camera_just_beyond_an_end_of_the_ranges_is_outside_and_the_page_says_
     assert known_sentence(replace(found, others=(within, beyond)))[1].endswith("outside of the proved ranges: Li.")
 
 
-def test_a_known_height_bounds_what_the_pixels_leave_open_and_is_never_called_proved(given, tmp_path):
+def test_known_values_bound_what_the_pixels_leave_open_and_are_never_called_proved(given, tmp_path):
     """The target's height, which no one gave, by its tie to the camera's."""
     x, ranges = unknowns_of(given.truth), given.result.ranges
     assert (np.array(ranges.lo)[:24] <= x).all()
     assert (x <= np.array(ranges.hi)[:24]).all()
-    assert KNOWN[1:] == (pytest.approx(ranges.low[2], abs=1e-9), pytest.approx(ranges.high[2], abs=1e-9))
+    assert KNOWN[0][1:] == (pytest.approx(ranges.low[2], abs=1e-9), pytest.approx(ranges.high[2], abs=1e-9))
     assert 10.0 < ranges.high[8] - ranges.low[8] < 11.5
+    ends = np.degrees(np.arccos([ranges.hi[20], ranges.lo[20]]))
+    assert KNOWN[1][1:] == pytest.approx(tuple(ends), abs=1e-9)
     assert given.result.complete
     sentences = [said for _, said in verify_hand_eye(given.folder)]
-    assert "given, not proved: camera.z from 291.0 to 301.0 mm" in sentences[0]
+    said = "given, not proved: camera.z from 291.0 to 301.0 mm, target.tilt from 84.77 to 84.8 degrees"
+    assert said in sentences[0]
     for said in sentences[1:3]:
         assert "PROVED" in said
         assert "if the given values are true" in said
     page = write_hand_eye(given.result, tmp_path).read_text()
-    assert page.count("Given by you, not proved: camera in hand, z from 291 to 301 mm") == 2
+    said = "camera in hand, z from 291 to 301 mm; target in base, tilt from 84.77 to 84.8 degrees"
+    assert page.count(f"Given by you, not proved: {said}") == 2
     assert "proved, if what you gave is true" in page
 
 
@@ -371,8 +375,10 @@ FORGED = HARDLY | {
         "wrong images", "a group without the image"),
     "a wider given value": ("given", put("asked", "known", 0, 1, to=290.0), "ranges", BOX),
     "a narrower one": ("given", put("asked", "known", 0, 2, to=300.5), "lower end", BOX),
+    "a narrower tilt": ("given", put("asked", "known", 1, 1, to=84.775), "ranges", BOX),
     "none given": ("given", put("asked", "known", to=[]), "ranges", BOX),
-    "one that certificates do not have": ("exact_run", put("asked", "known", to=[KNOWN]), "ranges", BOX),
+    "one that certificates do not have": ("exact_run", put("asked", "known", to=[*KNOWN]), "ranges", BOX),
+    "a point of another tilt": ("given", put("asked", "known", 1, 2, to=84.775), "upper end", "that is not in the box"),
     "a point beside it": ("given", put("asked", "known", 0, 1, to=300.9), "upper end", "that is not in the box"),
     "an infinite place": ("exact_run", put("point", "camera_position", 0, to="inf"), "upper end", "it holds 'inf'"),
     "ranges that nobody proved": (
@@ -387,7 +393,7 @@ def test_a_forged_number_is_refused(request, refused, name):
     refused(request.getfixturevalue(run).folder, "handeye.json", *change)
 
 
-@pytest.mark.parametrize("known", [[], [("camera.z", 290.0, 301.0)]])
+@pytest.mark.parametrize("known", [[], [("camera.z", 290.0, 301.0), KNOWN[1]], [KNOWN[0], ("target.tilt", 84.7, 84.8)]])
 def test_steps_that_hold_within_the_given_values_prove_nothing_beyond_where_all_files_say_so(
     given, refused, tmp_path, known
 ):
@@ -405,6 +411,7 @@ def test_steps_that_hold_within_the_given_values_prove_nothing_beyond_where_all_
         (put("asked", "angle", to=720.0), "an angle of 720.0 degrees"),
         (put("asked", "reach", to=-1.0), "a reach of -1.0 mm"),
         (put("asked", "known", to=[["camera.z", 1.0, 1.0]]), "camera.z from 1.0 to 1.0 mm"),
+        (put("asked", "known", to=[["camera.tilt", 90.0, 181.0]]), "camera.tilt from 90.0 to 181.0 degrees"),
         (put("asked", "center", "target_quaternion", to=[0.0] * 4), "a quaternion is of no rotation"),
         (put("asked", "center", "target_position", to=[0.0]), "no list of 3"),
     ],
@@ -464,6 +471,7 @@ CERTIFICATES = {
     "another origin": (put(0, "asked", "hand", 0, to="0x1p+3"), "is about something else"),
     "a given value": (put(0, "asked", "known", to=[["camera.z", "0x0p+0", "0x1p+9"]]), "is about something else"),
     "none between": (put(0, "asked", "known", to=[["camera.z", "0x1p+1", "0x1p+0"]]), "its least value is above"),
+    "no tilt": (put(0, "asked", "known", to=[["camera.tilt", "-0x1p+0", "0x1p+9"]]), "is not from 0 to 180 degrees"),
     "one given twice": (put(0, "asked", "known", to=[["camera.z", "0x0p+0", "0x1p+9"]] * 2), "camera.z is given twice"),
     "one of no name": (put(0, "asked", "known", to=[["camera.w", "0x0p+0", "0x1p+9"]]), "'camera.w'"),
     "values in no list": (put(0, "asked", "known", to="0x1p+0"), "a list is needed"),
