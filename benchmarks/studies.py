@@ -89,7 +89,7 @@ def _studied(options: dict[str, float], count: int, more: int = 0) -> tuple[Camp
         return length + bump * np.sin(np.pi * length / STROKE[1])
 
     for table in (study.calibration, study.validation)[: 1 + bool(more)]:
-        seen = compose(compose(inverse(truth.camera), table.seen), inverse(truth.target))
+        seen = compose(compose(inverse(truth.camera), table.poses), inverse(truth.target))
         arrays = (study.robot, seen.position, seen.quaternion, bent(table.length))
         parts.append(averaged(Campaign.of(*arrays, pose=table.pose, run=table.run, exact=True), of="mean"))
     stream = np.random.default_rng(7)

@@ -27,9 +27,10 @@ from .simulate import simulate
 from .solver.certificate.recording import UncertifiedError
 from .solver.contract import Contraction, Contractor, Limits, Step, Strategy, Verdict
 from .solver.interval import Box, Interval
-from .solver.model import Network, Paving, Solution
+from .solver.model import Network
 from .solver.network import Constraint, Expr, evaluate, maximum, minimum, norm, sqr, sqrt
 from .solver.network.expression import acos, asin, atan, atan2, cos, cosh, exp, hypot, log, sin, sinh, tan, tanh
+from .solver.search.paving import Paving, Solution
 
 __all__ = [
     "Accuracy",

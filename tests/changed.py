@@ -63,7 +63,7 @@ def leg_with(leg, /, **changes):
 
 def mobile_in_base(truth: Truth, table: PoseTable) -> Pose:
     """The poses of the mobile frame in the base frame that the table's poses mean."""
-    return compose(compose(inverse(truth.camera), table.seen), inverse(truth.target))
+    return compose(compose(inverse(truth.camera), table.poses), inverse(truth.target))
 
 
 def with_robot_scatter(study: Study, sigma: float, *, seed: int = 0) -> Study:

@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 
-from cpcal.checker import Accepted, LegCertificates, check
+from cpcal.checker import Accepted, check
+from cpcal.checker.run import LegCertificates
 from cpcal.cli import verify
 from cpcal.solver.execution.executors import executor_for
 

@@ -4,12 +4,9 @@ docs/certificate-format.md is the specification. `check` checks a certificate, `
 kind of run has a module of its own, which is loaded for such a run only: `sight`, `hand_eye`, `platform`.
 """
 
-from .certificate import FORMAT, Accepted, Claims, Point, check
-from .files import POSE_SET_SUFFIX, WORK
+from .certificate import FORMAT, Accepted, check
 from .leg import ExactCampaign
 from .readers import Refused, Unusable
-from .run import RESULT_NAME, LegCertificates, LegChecked, RobustChecked, certificates_of, check_run, leg_checks
+from .run import check_run
 
-__all__ = ["FORMAT", "POSE_SET_SUFFIX", "RESULT_NAME", "WORK", "Accepted", "Claims", "LegCertificates"]
-__all__ += ["ExactCampaign", "LegChecked", "Point", "Refused", "RobustChecked", "Unusable"]
-__all__ += ["certificates_of", "check", "check_run", "leg_checks"]
+__all__ = ["FORMAT", "Accepted", "ExactCampaign", "Refused", "Unusable", "check", "check_run"]

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpcal.checker import LegChecked, Refused, RobustChecked
+from cpcal.checker import Refused
 from cpcal.checker.platform import check_accuracy
+from cpcal.checker.run import LegChecked, RobustChecked
 from cpcal.cli.claims import NothingCertifiedError, Statement, told
 from cpcal.common.documents import JSON_MAX, json_object, unguarded
 from cpcal.common.errors import InputError, PluginError, Problem

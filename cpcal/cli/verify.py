@@ -10,17 +10,9 @@ from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
-from cpcal.checker import (
-    POSE_SET_SUFFIX,
-    RESULT_NAME,
-    Accepted,
-    LegChecked,
-    Refused,
-    Unusable,
-    certificates_of,
-    check,
-    leg_checks,
-)
+from cpcal.checker import Accepted, Refused, Unusable, check
+from cpcal.checker.files import POSE_SET_SUFFIX
+from cpcal.checker.run import RESULT_NAME, LegChecked, certificates_of, leg_checks
 from cpcal.cli.claims import VACUOUS, NothingCertifiedError, Statement, told
 from cpcal.cli.verbs import Status, Talk, argument, option
 from cpcal.common.errors import unusable

@@ -18,8 +18,8 @@ from cpcal.problems.nl import read_nl
 from cpcal.problems.values import StatedProblem
 from cpcal.solver.certificate.recording import UncertifiedError
 from cpcal.solver.contract import Limits, Verdict
-from cpcal.solver.model import Paving
 from cpcal.solver.optimize.bound import Bracket, Minimum
+from cpcal.solver.search.paving import Paving
 from cpcal.solver.search.search import Event
 
 MOST = 2**26  # bytes

@@ -124,14 +124,13 @@ def poses_to_measure(
     count: int,
     *,
     held: Sequence[int] = (),
-    seed: int = 1,
 ) -> tuple[NextPose, ...]:
     """`count` poses by certified width; `worst` (K) are poses whose bound matters.
 
     Candidates lie between two measured poses each, within the readings that the campaign has. () where none do.
     """
     robot = Robot.from_parameters("controller", np.stack([one.controller for one in sets]))
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(1)
     some = random.integers(0, len(campaign), (2, _DRAWN))
     share, quaternion = random.uniform(size=(_DRAWN, 1)), campaign.quaternion[some]
     quaternion[1] *= np.where(np.sum(quaternion[0] * quaternion[1], axis=1, keepdims=True) < 0.0, -1.0, 1.0)

@@ -134,8 +134,25 @@ def quaternion_problem(norm: float) -> tuple[str, str]:
     return what, "divide it by its norm, and check the order qw,qx,qy,qz"
 
 
+class Readings(Value):
+    """N rows of poses with names, and of what else was read there."""
+
+    pose: Names
+    position: Floats
+    quaternion: Floats
+
+    def __len__(self) -> int:
+        """The number of rows, N."""
+        return len(self.pose)
+
+    @cached_property
+    def poses(self) -> Pose:
+        """N, as they are stated."""
+        return Pose(self.position, self.quaternion)
+
+
 @dataclass(frozen=True, eq=False)
-class Campaign(Value):
+class Campaign(Readings):
     """N measurements of a robot with n legs.
 
     Use `load_campaign`, `load_log`, `Campaign.from_arrays` or `simulate`; `Campaign.of` takes what is in
@@ -289,15 +306,6 @@ class Campaign(Value):
         """The number of legs, n."""
         return self.robot.legs
 
-    def __len__(self) -> int:
-        """The number of measurements, N."""
-        return len(self.pose)
-
-    @cached_property
-    def poses(self) -> Pose:
-        """The centres of their reading sets, N poses."""
-        return Pose(self.position, self.quaternion)
-
     @property
     def measurement_ids(self) -> list[str]:
         """`pose/run` of every measurement, in order."""
@@ -340,7 +348,7 @@ class Campaign(Value):
 
 
 @dataclass(frozen=True, eq=False)
-class PoseTable(Value):
+class PoseTable(Readings):
     """N rows: the target frame seen in the camera frame, and the readings of n legs.
 
     pose, run   N names each: a configuration of the legs, and which of its repetitions
@@ -381,15 +389,6 @@ class PoseTable(Value):
         """`pose/run` of every row, or `pose/run/image`."""
         columns = (self.pose, self.run) if self.image is None else (self.pose, self.run, self.image)
         return ["/".join(names) for names in zip(*columns, strict=True)]
-
-    @property
-    def seen(self) -> Pose:
-        """The poses (N) of the target frame in the camera frame."""
-        return Pose(self.position, self.quaternion)
-
-    def __len__(self) -> int:
-        """The number of rows, N."""
-        return len(self.pose)
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,8 +58,6 @@ from cpcal.solver.search.search import ORDERS, Observer, Search
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["DEFAULT_CONTRACTORS", "Network", "Paving", "Solution"]
-
 # ------------------------------------------------------------------------------------------------------------------
 # What the verbs on a network are asked with, checked and put in the solver's own terms. Raises ModelError.
 

@@ -12,9 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cpcal
-from cpcal.checker import Refused, certificates_of
+from cpcal.checker import Refused
 from cpcal.checker.certificate import Accepted, Claims, Point
 from cpcal.checker.files import A_FILE
+from cpcal.checker.run import certificates_of
 from cpcal.cli.claims import sentences
 from cpcal.files.folders import save_campaign_json
 from cpcal.models import PARAMETERS

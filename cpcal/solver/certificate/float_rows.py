@@ -467,7 +467,6 @@ class AllReadings:
         good &= self.read - rl + self.offset > eps + self.rounding
         return eps if good.all() else math.inf
 
-
     def _squares(self, factor: float) -> tuple[Floats, Floats]:
         """Above and below the square for all readings of positions and rotations."""
         r, t = factor * self.radii[:, :3], 0.5 * factor * self.radii[:, 3:6]

@@ -70,7 +70,7 @@ class RenderedImages:
         of a run is the mean of its ten, as in the paper (section 2.3.2)."""
         rows = zip(table.pose, table.run, table.image or (), strict=True)
         names = tuple(f"{pose}/{run}/{MEAN if image == '11' else image}.png" for pose, run, image in rows)
-        return cls(names, table.seen, target, camera, scene, seed)
+        return cls(names, table.poses, target, camera, scene, seed)
 
     def stamp(self, name: str) -> str:
         return f"{self.seed}-{self.scene}"

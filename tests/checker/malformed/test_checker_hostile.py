@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks import hostile_runs
 from benchmarks.hostile_runs import CASES, MEGABYTES, ZERO, Measured, measured, target, weights
-from cpcal.checker import WORK
+from cpcal.checker.files import WORK
 from cpcal.files.folders import CAMPAIGN_NAME
 
 SECONDS, PART = 5, 20  # a twentieth of the work, and what is no work: reading a campaign or a study
