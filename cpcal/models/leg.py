@@ -220,27 +220,26 @@ def leg_model(model: str | LegModel) -> LegModel:
     Raises InputError with everything that is wrong with the name or the model, PluginError when the package that
     provides it does not load.
     """
+    ours = {m.name: m for m in BUILT_IN}
+    if isinstance(model, str) and model in ours:
+        return ours[model]
     if isinstance(model, str):
-        ours = {m.name: m for m in BUILT_IN}
-        model = ours[model] if model in ours else _provided(model)
+        from cpcal.solver import plugins  # here: models that come with cpcal need none
+
+        name, group = model, plugins.LEG_GROUP
+        known = plugins.found(group)
+        if name not in known:
+            remedy = (
+                f"use one of {', '.join(dict.fromkeys([*ours, *known]))}, pass a LegModel, or install the package that "
+                f"provides it (entry point {group})"
+            )
+            raise unusable("model", f"{name!r} is not known", remedy)
+        model = plugins.load(name, group)
+        if not isinstance(model, LegModel) or model.name != name:
+            raise PluginError(f"leg model {name!r} ({known[name].value}) is no cpcal.LegModel of that name")
     problems = [] if built_in(model) else model_problems(model)
     if problems:
         raise InputError(problems)
-    return model
-
-
-def _provided(name: str) -> LegModel:
-    from cpcal.solver import plugins  # here: models that come with cpcal need none
-
-    group = plugins.LEG_GROUP
-    known = plugins.found(group)
-    if name not in known:
-        names = ", ".join(dict.fromkeys([*(m.name for m in BUILT_IN), *known]))
-        remedy = f"use one of {names}, pass a LegModel, or install the package that provides it (entry point {group})"
-        raise unusable("model", f"{name!r} is not known", remedy)
-    model = plugins.load(name, group)
-    if not isinstance(model, LegModel) or model.name != name:
-        raise PluginError(f"leg model {name!r} ({known[name].value}) is no cpcal.LegModel of that name")
     return model
 
 

@@ -481,7 +481,15 @@ class _Dividing:
         boxes = Box.stacked(node.box for node in nodes)
         worth = np.array([node.state.worth for node in nodes])
         cut = np.flatnonzero((worth > (1.0 + self._gap) * self.attained) & (boxes.hi > boxes.lo).any(axis=1))
-        halves = self.pieces(_halves(boxes[cut])) if cut.size else []
+        halves = []
+        if cut.size:
+            divided, rows = boxes[cut], np.arange(cut.size)
+            size = (divided.hi - divided.lo) * np.array([1.0, 1.0, 1.0, _ARM, _ARM, _ARM])
+            axis = np.argmax(size, axis=1)
+            first_hi, second_lo = divided.hi.copy(), divided.lo.copy()
+            first_hi[rows, axis] = second_lo[rows, axis] = divided.mid[rows, axis]
+            both = np.concatenate([divided.lo, second_lo]), np.concatenate([first_hi, divided.hi])
+            halves = self.pieces(IntervalArray(*both))
         self.highest_kept = max(self.highest_kept, float(np.delete(worth, cut).max(initial=0.0)))
         found = {int(k): (EventKind.SPLIT, (halves[i], halves[len(cut) + i])) for i, k in enumerate(cut)}
         return [
@@ -499,12 +507,3 @@ def first_grid(whole: IntervalArray) -> IntervalArray:
         lo, hi = np.repeat(lo, _SIDES, axis=0), np.repeat(hi, _SIDES, axis=0)
         lo[:, axis], hi[:, axis] = np.tile(cuts[:-1], len(lo) // _SIDES), np.tile(cuts[1:], len(hi) // _SIDES)
     return IntervalArray(lo, hi)
-
-
-def _halves(boxes: IntervalArray) -> IntervalArray:
-    worth = (boxes.hi - boxes.lo) * np.array([1.0, 1.0, 1.0, _ARM, _ARM, _ARM])
-    axis, rows = np.argmax(worth, axis=1), np.arange(len(worth))
-    middle = boxes.mid[rows, axis]
-    first_hi, second_lo = boxes.hi.copy(), boxes.lo.copy()
-    first_hi[rows, axis] = second_lo[rows, axis] = middle
-    return IntervalArray(np.concatenate([boxes.lo, second_lo]), np.concatenate([first_hi, boxes.hi]))

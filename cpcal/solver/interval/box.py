@@ -132,11 +132,10 @@ class Box(HasBounds):
             raise ValueError(f"{where} is no box: lo and hi do not match, or cross")
         return cls(names, lo, hi)
 
-    def __setattr__(self, name: str, value: object) -> None:
-        raise AttributeError(f"a Box is immutable: use replace() or with_bounds(), not {name} = ...")
+    def __setattr__(self, name: str, value: object = None) -> None:
+        raise AttributeError(f"a Box is immutable: use replace() or with_bounds(), {name!r} stays as it is")
 
-    def __delattr__(self, name: str) -> None:
-        raise AttributeError(f"a Box is immutable: cannot delete {name!r}")
+    __delattr__ = __setattr__
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Box._raw, (self.names, self.lo, self.hi)

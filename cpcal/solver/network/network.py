@@ -54,7 +54,16 @@ class ConstraintNetwork:
         """
         if name in self._variables:
             raise ModelError(f"a variable needs a name of its own: {name!r} is taken in {self.name!r}")
-        leaf = Expr("variable", shape=_shape(name, shape), name=checked_name(name), owner=self.name)
+        try:
+            sizes = tuple(map(operator.index, shape if isinstance(shape, (tuple, list)) else (shape,)))
+        except TypeError:
+            sizes = (0,)
+        if any(size < 1 for size in sizes) or isinstance(shape, bool):  # a domain, which comes third, is the usual slip
+            raise ModelError(
+                f"{shape!r} is no shape of {name!r}: give one or more positive integers; "
+                f"a domain is written variable({name!r}, domain=(lower, upper))"
+            )
+        leaf = Expr("variable", shape=sizes, name=checked_name(name), owner=self.name)
         taken = [self._owner[part] for part in component_names(leaf) if part in self._owner]
         if taken:
             raise ModelError(f"components of {name!r} would be called like those of {taken[0]!r}: rename one of both")
@@ -198,20 +207,6 @@ class ConstraintNetwork:
     def __repr__(self) -> str:
         count = sum(c.body.size for c in self._constraints)
         return f"<{type(self).__name__}: {len(self.names)} unknowns, {count} constraints>"
-
-
-def _shape(name: str, shape: Any) -> Shape:
-    """A shape with elements. A domain in its place, which comes third, is the usual slip. Raises ModelError."""
-    try:
-        sizes = tuple(map(operator.index, shape if isinstance(shape, (tuple, list)) else (shape,)))
-    except TypeError:
-        sizes = (0,)
-    if any(size < 1 for size in sizes) or isinstance(shape, bool):
-        raise ModelError(
-            f"{shape!r} is no shape of {name!r}: give one or more positive integers; "
-            f"a domain is written variable({name!r}, domain=(lower, upper))"
-        )
-    return sizes
 
 
 def _domain(leaf: Expr, domain: Domain) -> Box:
