@@ -238,11 +238,12 @@ def certify(
         title = "Answer" if poses_off is None else question(found)
         show(talk, answered(found)._replace(title=title), *known_frames(found))
 
+    head, held = (BOTH[0], "two questions") if poses_off is None else (".", "one question")
+    if (run / head / HANDEYE.head).exists():
+        raise unusable(run, f"holds the run of {held}", "name another folder, or move it away")
     parts = [(run, study)]
     if poses_off is not None:
         check_replaceable(run, HANDEYE)
-        if (run / HANDEYE.head).exists():
-            raise unusable(run, "holds the run of one question", "name another folder for --off")
         exact, uncertain = BOTH
         parts = [(run / exact, study.exactly()), (run / uncertain, with_half_widths(study, poses_off))]
     good = True

@@ -250,6 +250,7 @@ class ClassicalAnswer(NamedTuple):
                 of E (rad, camera frame), its translation (mm), then those of F
     rms         px per axis
     remarks     what makes it doubtful, in sentences
+    alone       the poses of single images that it began with
     """
 
     frames: HandEyeFrames
@@ -258,6 +259,7 @@ class ClassicalAnswer(NamedTuple):
     covariance: Floats
     rms: float
     remarks: tuple[str, ...]
+    alone: ImagePoses
 
 
 def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
@@ -266,7 +268,7 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
     Raises InputError for fewer than three images with six points each, for images without a pose, and for a hand that
     does not turn. A direction that the motions hardly determine, as where all turn about one axis, is a remark.
     """
-    kept, seen, alone = image_poses(study)
+    kept, seen, alone = single = image_poses(study)
     if len(kept) < _LEAST_IMAGES:
         what = f"has {len(kept)} images whose points determine a pose"
         raise unusable("study", what, f"give at least {_LEAST_IMAGES} with {_LEAST_POINTS} points each")
@@ -309,6 +311,7 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
         covariance=covariance,
         rms=with_given,
         remarks=tuple(remarks),
+        alone=single,
     )
 
 
@@ -382,9 +385,9 @@ def estimated_half_widths(study: HandEyeStudy) -> tuple[float, float]:
 
     Raises InputError as `classical_answer` does.
     """
-    count, spread, pixel = len(study.images), np.array([1.0, 1e-3]), max(image_poses(study)[2], _LEAST_PIXEL)
+    count, spread, start = len(study.images), np.array([1.0, 1e-3]), classical_answer(study.exactly())
     model = PixelModel(replace(study, pose_half_width=np.full((count, READING), np.inf)))  # readings go anywhere
-    at = model.stated(classical_answer(study.exactly()).frames)
+    at, pixel = model.stated(start.frames), max(start.alone.rms, _LEAST_PIXEL)
     for _ in range(_ROUNDS):
         deviation, before = np.tile(np.repeat(spread, 3), (count, 1)), spread
         at, _, variance = _weighted_fit(model, at, pixel, deviation)
@@ -397,9 +400,17 @@ def estimated_half_widths(study: HandEyeStudy) -> tuple[float, float]:
     return position, turn
 
 
-def image_poses(study: HandEyeStudy) -> tuple[list[int], Pose, float]:
+class ImagePoses(NamedTuple):
     """Images whose points determine a pose, the target's pose in the camera frame in each, and the deviation of the
     pixels that these leave, px per axis: no robot error enters."""
+
+    images: list[int]
+    seen: Pose
+    rms: float
+
+
+def image_poses(study: HandEyeStudy) -> ImagePoses:
+    """Of the images one by one."""
     kept, fits, free, exact = [], [], 0, replace(study.exactly(), known=())
     for k, count in enumerate(np.bincount(study.image, minlength=len(study.images)).tolist()):
         if count < _LEAST_POINTS:
@@ -413,13 +424,13 @@ def image_poses(study: HandEyeStudy) -> tuple[list[int], Pose, float]:
     frames = [fit.at.frames for fit in fits]
     turns = np.array([one.e_rotation for one in frames]).reshape(-1, 3, 3)
     seen = Pose(np.array([one.e_translation for one in frames]).reshape(-1, 3), quaternion_from_matrix(turns))
-    return kept, seen, float(np.sqrt(sum(fit.cost for fit in fits) / max(free, 1)))
+    return ImagePoses(kept, seen, float(np.sqrt(sum(fit.cost for fit in fits) / max(free, 1))))
 
 
 _OF_HAND, _OF_BOTH = ("Tsai", "Park", "Horaud", "Andreff", "Daniilidis"), ("Shah", "Li")
 
 
-def opencv_answers(study: HandEyeStudy) -> dict[str, Pose]:
+def opencv_answers(study: HandEyeStudy, alone: ImagePoses) -> dict[str, Pose]:
     """The camera in the hand (eye in hand) or base frame by each of OpenCV's methods, from the poses of single images.
 
     None without OpenCV, with its version 5.0, which has no such methods, and where one finds no rotation.
@@ -430,8 +441,7 @@ def opencv_answers(study: HandEyeStudy) -> dict[str, Pose]:
         return {}
     if not hasattr(cv2, "calibrateHandEye"):
         return {}
-    kept, seen, _ = image_poses(study)
-    base, found = study.poses.rows(np.array(kept)), dict[str, Pose]()
+    seen, base, found = alone.seen, study.poses.rows(np.array(alone.images)), dict[str, Pose]()
     if study.setup == "eye-in-hand":  # to OpenCV the camera is always on the hand
         base = inverse(base)
     hand, board = inverse(base), (seen.rotation, seen.position)
@@ -613,11 +623,11 @@ def stated_readings(study: HandEyeStudy, kept: Sequence[int], values: Floats) ->
     return tuple(map(tuple, readings.tolist())) if study.uncertain else ()
 
 
-def least_errors(study: HandEyeStudy, best: ReadFrames) -> list[tuple[float, int]]:
+def least_errors(study: HandEyeStudy, images: Sequence[int], best: ReadFrames) -> list[tuple[float, int]]:
     """About the least error in px that the pixels of each image allow with any pose of the target, found near `best`,
     and its number."""
     there, found = study.exactly(best.readings), []
-    for k in image_poses(study)[0]:
+    for k in images:
         model = PixelModel(there.part(np.array([k])))
         found.append((minimax_fit(model, model.stated(best.frames), restarts=1)[1], k))
     return found

@@ -230,7 +230,7 @@ class HandEyeResult:
     others of `left_out` may be right. `ranges` are sought where no image may be wrong.
 
     `tolerance`: px, that was asked for; `eps`: what ranges and verdicts speak of. `gap`: relative, that was asked for.
-    `others`: OpenCV's answers, where it is installed and has such methods.
+    `others`: OpenCV's answers beside `ranges`, where it is installed and has such methods.
     Of the least-squares answer `rms` (px per axis), `sigma` (in the order of E and F of `ClassicalAnswer.covariance`)
     and `remarks`. `provenance`: the study's. `programs`: linear ones that were solved. `timed`: the time limit ended
     a search.
@@ -367,7 +367,8 @@ def certify_hand_eye(
     groups = [list(every[k :: outliers + 1]) for k in range(outliers + 1)]
     with_one = {k: [sorted([*kept[n :: outliers + 1], k]) for n in range(outliers + 1)] for k in left}
     least = min(least_error(study, group) for group in groups) if outliers else 0.0
-    worst = max(least_errors(study, best)) if study.uncertain and not outliers else None
+    worst = max(least_errors(study, classical.alone.images, best)) if study.uncertain and not outliers else None
+    others = {} if outliers else opencv_answers(part, classical.alone)
     least_with = {k: min(least_error(study, group) for group in some) for k, some in with_one.items()}
 
     # from here on exact numbers
@@ -424,7 +425,7 @@ def certify_hand_eye(
         classical=Classical(own, max(verdicts[k].largest or 0.0 for k in kept), verdicts),
         others=tuple(
             OtherAnswer(name, tuple(camera.position.tolist()), tuple(camera.quaternion.tolist()))
-            for name, camera in opencv_answers(part).items()
+            for name, camera in others.items()
         ),
         blamed=tuple((study.images[k], tuple(group for group, _ in found)) for k, found in blamed.items()),
         provenance=study.provenance,

@@ -36,7 +36,7 @@ def test_without_errors_the_truth_is_found(setup):
     for name in ("e_rotation", "e_translation", "f_rotation", "f_translation"):
         np.testing.assert_allclose(getattr(found.frames, name), getattr(simulated.truth, name), atol=1e-6)
     cv2 = pytest.importorskip("cv2")
-    others, truth = opencv_answers(simulated.study), PlacedFrames.of(simulated.truth)
+    others, truth = opencv_answers(simulated.study, found.alone), PlacedFrames.of(simulated.truth)
     assert len(others) == (7 if hasattr(cv2, "calibrateHandEye") else 0)
     for method, camera in others.items():
         np.testing.assert_allclose(camera.position, truth.camera_position, atol=1e-3, err_msg=method)

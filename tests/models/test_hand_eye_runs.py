@@ -587,6 +587,9 @@ def test_one_command_asks_with_exact_poses_and_with_poses_that_may_be_off(exact_
     forged = run / "uncertain" / "handeye.json"
     forged.write_text(json.dumps(json.loads(forged.read_text()) | {"eps_lo": 1.0}))
     assert cpcal_("verify", run).exit_code == checked_alone(Run(run, exact_run.study, None)).returncode == 1
+    assert "holds the run of two questions" in cpcal_(*asked[:5]).output
+    assert page.read_bytes() == written
+    (run / "exact").rename(tmp_path / "exact")
     (run / "handeye.json").write_text('{"format": "cpcal-"}')
     assert "holds the run of one question" in cpcal_(*asked).output
 
