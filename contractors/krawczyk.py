@@ -81,34 +81,6 @@ class IntervalRows(NamedTuple):
         return IntervalRows(self.point, self.value[rows], self.matrix[rows], self.origin[rows])
 
 
-class Linearised:
-    """The one-sided rows of a network, to be linearised box by box."""
-
-    def __init__(self, network: ConstraintNetwork) -> None:
-        self._forms: list[tuple[CentredForm, Indices]] = []
-        for row in one_sided_rows(network):
-            form = CentredForm(network, row.expr)
-            elements = np.arange(form.count) if row.elements is None else row.elements
-            self._forms.append((form, np.stack([np.full(form.count, row.constraint), elements], axis=1)))
-
-    def at(self, box: Box, points: Sequence[Floats], affine: bool | None = None) -> list[IntervalRows]:
-        """The rows on a box (all, or only those that are affine in x, or only the others), for each expansion point.
-
-        A point is in the box; for affine rows, whose matrix is the same everywhere, it may lie anywhere.
-        """
-        chosen = [(form, origin) for form, origin in self._forms if affine is None or form.affine == affine]
-        if not chosen:
-            return []
-        matrix = joined([form.jacobian(box) for form, _ in chosen], 0)
-        origin = np.concatenate([origin for _, origin in chosen])
-        bounds = np.isfinite(matrix.lo).all(axis=1) & np.isfinite(matrix.hi).all(axis=1)
-        out = []
-        for point in points:
-            rows = IntervalRows(point, joined([form.at(point) for form, _ in chosen], 0), matrix, origin)
-            out.append(rows.only(bounds & np.isfinite(rows.value.lo)))  # the others say nothing
-        return out
-
-
 def beaumont(rows: IntervalRows, box: Box) -> Floats:
     """The row that solves `(mid A) z - (rad A) |z| <= -v` (Oettli and Prager) with z = x - c in place of |z|'s chord.
 
@@ -148,7 +120,11 @@ class Krawczyk(Composable):
     name = "krawczyk"
 
     def __init__(self, network: ConstraintNetwork, *, objective: str | None = None) -> None:
-        self._system = Linearised(network)
+        self._forms: list[tuple[CentredForm, Indices]] = []
+        for row in one_sided_rows(network):
+            form = CentredForm(network, row.expr)
+            elements = np.arange(form.count) if row.elements is None else row.elements
+            self._forms.append((form, np.stack([np.full(form.count, row.constraint), elements], axis=1)))
         self._objective = None if objective is None else network.names.index(objective)
 
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
@@ -176,9 +152,26 @@ class Krawczyk(Composable):
         polyhedron = Polyhedron(matrix[keep], rhs[keep], origin[keep])
         return PolyhedralPrograms(self.name, polyhedron, box).tightened(self._objective, deadline)
 
+    def _rows(self, box: Box, points: Sequence[Floats], affine: bool | None = None) -> list[IntervalRows]:
+        """The rows on a box (all, or only those that are affine in x, or only the others), for each expansion point.
+
+        A point is in the box; for affine rows, whose matrix is the same everywhere, it may lie anywhere.
+        """
+        chosen = [(form, origin) for form, origin in self._forms if affine is None or form.affine == affine]
+        if not chosen:
+            return []
+        matrix = joined([form.jacobian(box) for form, _ in chosen], 0)
+        origin = np.concatenate([origin for _, origin in chosen])
+        bounds = np.isfinite(matrix.lo).all(axis=1) & np.isfinite(matrix.hi).all(axis=1)
+        out = []
+        for point in points:
+            rows = IntervalRows(point, joined([form.at(point) for form, _ in chosen], 0), matrix, origin)
+            out.append(rows.only(bounds & np.isfinite(rows.value.lo)))  # the others say nothing
+        return out
+
     def _parts(self, box: Box) -> list[Polyhedron]:
         """The interval-linear rows on a box, each block of them made real: here by its midpoint (eq. 11)."""
-        return [inequalities(rows, box, rows.matrix.mid) for rows in self._system.at(box, [box.mid])]
+        return [inequalities(rows, box, rows.matrix.mid) for rows in self._rows(box, [box.mid])]
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -201,8 +194,8 @@ class Beaumont(Krawczyk):
     name = "beaumont"
 
     def _parts(self, box: Box) -> list[Polyhedron]:
-        corners = self._system.at(box, [box.lo, box.hi], affine=False)
-        origin = self._system.at(box, [np.zeros(len(box))], affine=True)
+        corners = self._rows(box, [box.lo, box.hi], affine=False)
+        origin = self._rows(box, [np.zeros(len(box))], affine=True)
         parts = super()._parts(box)
         for rows in corners + origin:
             radius, size = rows.matrix.rad.max(axis=1, initial=0.0), rows.matrix.mag.max(axis=1, initial=0.0)

@@ -204,7 +204,7 @@ def detect(
     pace = f"; {found.measured / found.seconds:.0f} images a second of work" if found.seconds > 0.0 else ""
     talk.say(f"{poses:,} poses in {len(found.rows):,} images ({found.measured:,} measured now{pace}): {file}")
     show(talk, *rejected(found, file.name), *(numbers(found.rows) if talk.verbose else ()))
-    pictures = look_again(found.rows, source, plate, lens.camera, lens.covariance, turn)
+    pictures = look_again(found.rows, source, plate, lens, turn)
     talk.say(f"Page: {write_detections_page(found, pictures, plate, lens, file)}")
     if table is not None:
         write_file(table, table_bytes(study_table(found.rows, known)))

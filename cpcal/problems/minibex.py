@@ -111,17 +111,27 @@ def read_minibex(text: str, where: str) -> StatedProblem:
     Numbers are the float64 nearest to their decimal text; quotients and whole powers of numbers are exact. An interval
     that is declared as data means THERE EXISTS a value of it at each place where it is written. "<" is read as "<=".
     """
-    return _Meaning(text, where).problem()
+    return _Reader(text, where).problem()
 
 
-class _Parser:
-    """Trees of expressions and constraints, by recursive descent, one token ahead.
+class _Reader:
+    """Trees of expressions and constraints, by recursive descent, one token ahead; and what they mean.
 
-    Raises InputError at the first token that has no place."""
+    The problem of a file is built while it is parsed. Functions see `constants` and their inputs, nothing else. Raises
+    InputError at the first token that has no place, and for what has no meaning, with line and column.
+    """
 
     def __init__(self, text: str, where: str) -> None:
         self.text, self.where, self.at, self.depth = text, where, 0, 0
         self.tokens = list(self.cut())
+        self.network = Network(Path(where).stem or "problem")
+        self.constants: dict[str, Value] = {
+            "pi": Interval(3.141592653589793, 3.1415926535897936),
+            "oo": Data(Interval(_LARGEST, np.inf)),
+        }
+        self.names: dict[str, Value] = {}  # of variables
+        self.functions: dict[str, Function] = {}
+        self.calls = 0  # of functions in one another
 
     def wrong(self, what: str, remedy: str, token: Token | None = None) -> InputError:
         """The error to raise: it names line and column, of the next token if none is given."""
@@ -316,28 +326,7 @@ class _Parser:
             raise self.wrong("a second relation follows", "write a <= b and b <= c as two constraints")
         return found
 
-
-# ------------------------------------------------------------------------------------------------------------------
-# What expressions are worth, by the names that are known where they stand; and what a file means: its declarations, in
-# their order, become a network, and an objective where there is one.
-
-
-class _Meaning(_Parser):
-    """Builds the problem of one file while it is parsed. Functions see `constants` and their inputs, nothing else.
-    Every error is an InputError with line and column."""
-
-    def __init__(self, text: str, where: str) -> None:
-        super().__init__(text, where)
-        self.network = Network(Path(where).stem or "problem")
-        self.constants: dict[str, Value] = {
-            "pi": Interval(3.141592653589793, 3.1415926535897936),
-            "oo": Data(Interval(_LARGEST, np.inf)),
-        }
-        self.names: dict[str, Value] = {}  # of variables
-        self.functions: dict[str, Function] = {}
-        self.calls = 0  # of functions in one another
-
-    # expressions ------------------------------------------------------------------------------
+    # what expressions are worth, by the names that are known where they stand -----------------
 
     @contextmanager
     def placed(self, token: Token) -> Iterator[None]:
@@ -442,7 +431,7 @@ class _Meaning(_Parser):
         self.calls -= 1
         return found
 
-    # the whole file ---------------------------------------------------------------------------
+    # the whole file: declarations, in their order, become a network; an objective, if any -----
 
     def problem(self) -> StatedProblem:
         if self.takes("constants"):

@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 import cpcal
-from cpcal.checker.command import main
+from cpcal.checker.__main__ import main
 from cpcal.questions.accuracy import load_accuracy, save_accuracy
 from cpcal.simulate import simulate
 from tests.cli.command import done, refused

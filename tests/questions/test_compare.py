@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 import cpcal
-from cpcal.checker.command import PROVED, REFUSED, main
+from cpcal.checker.__main__ import PROVED, REFUSED, main
 from cpcal.cli import app
 from cpcal.files import campaign_sha256
 from cpcal.report import write_report

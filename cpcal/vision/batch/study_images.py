@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cpcal.common.errors import InputError, Problem, unusable
-from cpcal.common.values import ArrayLike, Floats
+from cpcal.common.values import ArrayLike
 from cpcal.robot import Pose, PoseTable, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.batch.detect import (
     POSITION,
@@ -27,6 +27,7 @@ from cpcal.vision.batch.detect import (
 )
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.image_file import UnreadableImageError
+from cpcal.vision.files.plate_and_camera import CameraRecord
 from cpcal.vision.measure import measure_pose
 from cpcal.vision.opencv import Grey, opencv
 from cpcal.vision.render import Scene, overlay, refusal, render
@@ -155,9 +156,8 @@ def look_again(
     rows: Sequence[Detection],
     source: ImageFolder,
     target: Target,
-    camera: Camera,
-    camera_covariance: Floats | None = None,
-    first_row: str | Pose = "",
+    lens: CameraRecord,
+    first_row: str | Pose,
 ) -> tuple[SeenImage, ...]:
     """A sample of what `detect` found with the same arguments: refused images first, one of each frequent reason, then
     the most doubtful poses, then others, evenly spread. An image that cannot be read any more is left out."""
@@ -167,7 +167,8 @@ def look_again(
         """Whether it was. The image was there before; a page without it is better than none."""
         try:
             image = source.read(row.file)
-            found = measure_pose(image, target, camera, camera_covariance, first_row=first_row) if row.found else None
+            given = image, target, lens.camera, lens.covariance
+            found = measure_pose(*given, first_row=first_row) if row.found else None
         except Exception:  # what was refused may be no image at all: its reason is in the table
             return False
         height, width = image.shape[:2]
@@ -175,7 +176,7 @@ def look_again(
         if found is None:
             jpeg = refusal(image, row.reason, target.bright, size[0])
         else:
-            jpeg = overlay(image, found, target, camera, size[0])
+            jpeg = overlay(image, found, target, lens.camera, size[0])
         if sum(len(seen.jpeg) for seen in pictures) + len(jpeg) > MOST_BYTES:
             return False
         pictures.append(SeenImage(row, jpeg, size))

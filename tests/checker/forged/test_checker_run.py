@@ -13,7 +13,7 @@ import pytest
 
 import cpcal
 from cpcal.checker import ExactCampaign, Refused, Unusable, check, check_run
-from cpcal.checker.command import PROVED, REFUSED, UNUSABLE, main
+from cpcal.checker.__main__ import PROVED, REFUSED, UNUSABLE, main
 from cpcal.checker.files import parsed
 from cpcal.checker.run import _Leg, certificates_of
 from cpcal.questions import save_result
