@@ -42,7 +42,7 @@ def rotation_matrix(quaternion: ArrayLike) -> Floats:
     """R(q), (..., 4) -> (..., 3, 3): the rotation of any non-zero quaternion, without a square root."""
     q = floats(quaternion)
     entries, norm_squared = rotation_numerators(np.moveaxis(q, -1, 0))
-    matrix = np.stack([np.stack(row, axis=-1) for row in entries], axis=-2)
+    matrix = np.ascontiguousarray(np.moveaxis(np.array(entries), (0, 1), (-2, -1)))
     return np.asarray(matrix / norm_squared[..., None, None])
 
 

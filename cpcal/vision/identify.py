@@ -507,7 +507,7 @@ def identify(
                 break
     if best is None:
         raise Unidentified(reason)
-    return replace(best, false=np.setdiff1d(np.arange(len(pixels)), best.found))
+    return replace(best, false=np.delete(np.arange(len(pixels)), best.found))
 
 
 def turned(
@@ -588,6 +588,7 @@ def _tested(view: View, target: Target, fit: Hypothesis) -> Identification | Uni
     in_all = 2 * (maps.image[~maps.mirrored & ~maps.exact] < 0).sum(axis=1).min(initial=_APART)  # missing, and too many
     if not fit.in_view.all() and apart(view, target, fit) < min(_APART, int(in_all)):
         return Unidentified("ambiguous: too few of the dots that tell the target's turns apart are in view")
-    false = np.setdiff1d(np.arange(len(view.points)), fit.found)
-    missing = np.setdiff1d(np.flatnonzero(fit.in_view), fit.numbers)
+    false, unseen = np.delete(np.arange(len(view.points)), fit.found), fit.in_view.copy()
+    unseen[fit.numbers] = False
+    missing = np.flatnonzero(unseen)
     return Identification(fit.found, fit.numbers, false, missing, margin)

@@ -12,10 +12,12 @@ from functools import cached_property
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from cpcal.common.errors import unusable
-from cpcal.common.values import AnyArray, Bools, Floats
+from cpcal.common.values import AnyArray, Bools, Floats, Ints
+from cpcal.solver.compiled import compiled
 from cpcal.vision.opencv import Grey, Grey8, opencv
 from cpcal.vision.projection import eigenvalues, median
 
@@ -78,10 +80,20 @@ def noise_level(image: Grey) -> float:
     difference along rows of pixels spread over the image. Equal differences, which are whole numbers, are spread evenly
     over one grey level."""
     step = max(1, int(np.sqrt(image.size / 10_000)))
-    rows = image[::step].astype(np.int32)
-    second = np.abs(rows[:, 2::step] - 2 * rows[:, 1:-1:step] + rows[:, :-2:step]).ravel()
-    level = np.median(second + np.linspace(-0.5, 0.5, second.size)) if second.size else 0.0
-    return max(float(level) / _MEDIAN, _ROUNDING)
+    rows = image[::step]
+    left, middle, right = (rows[:, k : rows.shape[1] - 2 + k : step].astype(np.int32) for k in range(3))
+    second = np.abs(left - 2 * middle + right).ravel()
+    if not second.size:
+        return _ROUNDING
+    spread, upto = np.linspace(-0.5, 0.5, second.size), np.cumsum(np.bincount(second))
+
+    def ranked(place: int) -> float:
+        """Of all, once spread: of equal ones the first are spread the least."""
+        value = int(np.searchsorted(upto, place, side="right"))
+        equal = np.flatnonzero(second == value)
+        return value + float(spread[equal[place - upto[value]]])
+
+    return max(0.5 * (ranked((second.size - 1) // 2) + ranked(second.size // 2)) / _MEDIAN, _ROUNDING)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -93,40 +105,49 @@ _ELLIPTIC = 0.85  # least ratio of a spot's area to that of the ellipse of the s
 
 def ellipses(outlines: Sequence[Any], width: int, height: int) -> tuple[Floats, Floats, Bools]:
     """Of OpenCV's outlines (n of them) in an image: the centres (n, 2) pixels, the second moments (n, 2, 2) px^2 of the
-    regions, and which are elliptic and clear of the border.
+    regions, and which are elliptic and clear of the border; of the others nothing is told.
 
     Moments are those of polygons by Green's formula; holes have negative areas, and are not kept.
     """
-    count = np.fromiter(map(len, outlines), dtype=np.int64, count=len(outlines))
-    points, start = np.concatenate(outlines)[:, 0], np.cumsum(count) - count
-    origin = points[start].astype(np.float64)
-    x0, y0 = (points - np.repeat(origin, count, axis=0)).T
-    back = np.arange(len(points)) - 1
-    back[start] = start + count - 1
-    x1, y1 = x0[back], y0[back]
-    cross = x0 * y1 - x1 * y0  # OpenCV goes round a region with y/x turned this way
-    terms = np.stack(
-        (
-            cross / 2.0,
-            cross * (x0 + x1) / 6.0,
-            cross * (y0 + y1) / 6.0,
-            cross * (x0 * x0 + x0 * x1 + x1 * x1) / 12.0,
-            cross * (2.0 * (x0 * y0 + x1 * y1) + x0 * y1 + x1 * y0) / 24.0,
-            cross * (y0 * y0 + y0 * y1 + y1 * y1) / 12.0,
-        )
-    )
-    area, *sums = np.add.reduceat(terms, start, axis=1)
-    keep = (count >= 4) & (area > 0.0)
-    x, y, xx, xy, yy = (total / np.where(keep, area, 1.0) for total in sums)
-    spread = np.stack([xx - x * x, xy - x * y, xy - x * y, yy - y * y], axis=1).reshape(-1, 2, 2)
-    axes = np.sqrt(np.maximum(eigenvalues(spread), 1e-4))
-    low, high = (most.reduceat(points, start, axis=0) for most in (np.minimum, np.maximum))
-    keep &= (low > 0).all(axis=1) & (high < [width - 1, height - 1]).all(axis=1)
-    keep &= area > _ELLIPTIC * 4.0 * np.pi * axes.prod(axis=1)
-    # an outline runs through the centres of pixels: the region reaches half a pixel farther, in every direction
-    keep &= 0.25 + axes[:, 0] > _SLIMMEST * (0.25 + axes[:, 1])
-    spread += ((0.25 + axes) ** 2 - axes**2).mean(axis=1)[:, None, None] * np.eye(2)
-    return origin + np.stack([x, y], axis=1), spread, keep
+    points, ends = np.concatenate(outlines)[:, 0], np.cumsum(np.fromiter(map(len, outlines), np.int64, len(outlines)))
+    center, spread, keep = np.zeros((len(ends), 2)), np.zeros((len(ends), 2, 2)), np.zeros(len(ends), bool)
+    _fill_ellipses(points, ends, width, height, center, spread, keep)
+    return center, spread, keep
+
+
+@compiled
+def _fill_ellipses(
+    points: npt.NDArray[np.int32], ends: Ints, width: int, height: int, center: Floats, spread: Floats, keep: Bools
+) -> None:
+    """Each outline's points reach up to its entry of `ends`."""
+    first = 0
+    for i in range(len(ends)):
+        area, to_x, to_y, to_xx, to_xy, to_yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        keep[i], x1, y1 = ends[i] - first >= 4, 0.0, 0.0  # from the outline's first point
+        for k in range(ends[i] - 1, first - 1, -1):  # OpenCV goes round a region with y/x turned this way
+            keep[i] &= 0 < points[k, 0] < width - 1 and 0 < points[k, 1] < height - 1
+            x0, y0 = float(points[k, 0] - points[first, 0]), float(points[k, 1] - points[first, 1])
+            cross = x1 * y0 - x0 * y1
+            area += cross / 2.0
+            to_x += cross * (x0 + x1) / 6.0
+            to_y += cross * (y0 + y1) / 6.0
+            to_xx += cross * (x0 * x0 + x0 * x1 + x1 * x1) / 12.0
+            to_xy += cross * (2.0 * (x0 * y0 + x1 * y1) + x0 * y1 + x1 * y0) / 24.0
+            to_yy += cross * (y0 * y0 + y0 * y1 + y1 * y1) / 12.0
+            x1, y1 = x0, y0
+        keep[i] &= area > 0.0
+        if keep[i]:
+            x, y = to_x / area, to_y / area
+            xx, xy, yy = to_xx / area - x * x, to_xy / area - x * y, to_yy / area - y * y
+            half, apart = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+            short, long = np.sqrt(max(half - apart, 1e-4)), np.sqrt(max(half + apart, 1e-4))
+            keep[i] = area > _ELLIPTIC * 4.0 * np.pi * short * long
+            # an outline runs through the centres of pixels: the region reaches half a pixel farther in every direction
+            keep[i] &= 0.25 + short > _SLIMMEST * (0.25 + long)
+            more = 0.0625 + 0.25 * (short + long)
+            center[i, 0], center[i, 1] = points[first, 0] + x, points[first, 1] + y
+            spread[i, 0, 0], spread[i, 0, 1], spread[i, 1, 0], spread[i, 1, 1] = xx + more, xy, xy, yy + more
+        first = ends[i]
 
 
 Image = TypeVar("Image", bound=AnyArray)
