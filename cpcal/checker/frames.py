@@ -237,7 +237,8 @@ class Rows:
 
     def problem(self, spend: Spend) -> Problem:
         """For the kernel: its rows are polynomials in x."""
-        return Problem.of_rows(self.size, self.count, SIDES, lambda side, k: polynomial(self.row(side, k), spend))
+        row = lru_cache(maxsize=2048)(lambda side, k: polynomial(self.row(side, k), spend))
+        return Problem.of_rows(self.size, self.count, SIDES, row)
 
     @property
     def root(self) -> Box:

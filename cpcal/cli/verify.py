@@ -7,8 +7,10 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
+from typing import TypeVar
 
 from cpcal.checker import Accepted, Refused, Unusable, check
 from cpcal.checker.files import POSE_SET_SUFFIX
@@ -19,6 +21,7 @@ from cpcal.common.errors import unusable
 from cpcal.files.run_folder import ACCURACY, HANDEYE, RUN, unfinished
 from cpcal.solver.execution.executors import executor_for
 
+T = TypeVar("T")
 _NAME = "name the folder of a run, or a certificate"
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -37,14 +40,25 @@ def legs_beside(run: Path) -> Iterator[Callable[[], list[LegChecked]]]:
         checks = leg_checks(run)
     except (Refused, Unusable) as reason:
         why = reason
-    count = min(len(checks), len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1)
-    with executor_for(count or 1) as (executor, _):
-        begun = [executor.submit(_done, checks[k::count]) for k in range(count)]
+    with _beside(checks, min(len(checks), _processors())) as answers:
 
-        def answers() -> list[LegChecked]:
+        def legs() -> list[LegChecked]:
             if why is not None:
                 raise why
-            found: list[LegChecked | None] = [None] * len(checks)
+            return answers()
+
+        yield legs
+
+
+@contextmanager
+def _beside(checks: Sequence[Callable[[], T]], workers: int) -> Iterator[Callable[[], list[T]]]:
+    """Checks are done by so many processes, or here by one, while in the block; what is given waits for them."""
+    count = min(len(checks), workers)
+    with executor_for(workers or 1) as (executor, _):
+        begun = [executor.submit(_done, checks[k::count]) for k in range(count)]
+
+        def answers() -> list[T]:
+            found: list[T | None] = [None] * len(checks)
             for k, future in enumerate(begun):
                 with suppress(BrokenExecutor):
                     found[k::count] = future.result()
@@ -53,8 +67,18 @@ def legs_beside(run: Path) -> Iterator[Callable[[], list[LegChecked]]]:
         yield answers
 
 
-def _done(checks: Sequence[Callable[[], LegChecked]]) -> list[LegChecked]:
+def _done(checks: Sequence[Callable[[], T]]) -> list[T]:
     return [one() for one in checks]
+
+
+def _center(run: Path) -> Statement:
+    from cpcal.questions.hand_eye import verify_center  # where it is done
+
+    return verify_center(run)
+
+
+def _processors() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
 
 
 def checked_certificates(folder: Path) -> dict[str, Accepted | str]:
@@ -92,9 +116,11 @@ def statements(target: Path, *, verbose: bool = False) -> Iterator[Statement]:
         elif len(heads) > 1:
             raise Refused(f"{' and '.join(heads)} are the answers of two commands, which share no folder")
         elif heads == [HANDEYE.head]:
-            from cpcal.questions.hand_eye import verify_hand_eye
+            with _beside([partial(_center, target)], _processors()) as least_squares:
+                from cpcal.checker.hand_eye import check_hand_eye
 
-            yield from verify_hand_eye(target)
+                yield from check_hand_eye(target)
+                yield from least_squares()
         elif heads == [ACCURACY.head]:
             from cpcal.cli.verified import of_accuracy
 

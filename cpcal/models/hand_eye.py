@@ -415,8 +415,11 @@ def study_json(study: HandEyeStudy) -> bytes:
     return (json.dumps(data, allow_nan=False, ensure_ascii=False, separators=(",", ":")) + "\n").encode()
 
 
-def load_study_json(folder: StrPath) -> HandEyeStudy:
-    """The study of a run. Raises InputError."""
+def load_study_json(folder: StrPath, *, undistorted: bool = False) -> HandEyeStudy:
+    """The study of a run, or `undistorted` what a camera without its lens shows: other lenses take a while to load.
+
+    Raises InputError.
+    """
     path = Path(folder) / STUDY_NAME
     remedy = "run cpcal handeye again"
     data = json_object(path, remedy, remedy)
@@ -426,8 +429,11 @@ def load_study_json(folder: StrPath) -> HandEyeStudy:
         numbers = np.array([row[2:] for row in points], np.float64).reshape(-1, 8)
         width, height = camera["size"]
         focal, center, distortion = (np.array(camera[key], np.float64) for key in ("focal", "center", "distortion"))
+        lens = Camera(width, height, focal, center, distortion, camera["model"])
+        if undistorted:
+            lens, numbers[:, :2] = Camera(width, height, focal, center, np.zeros(5)), numbers[:, 2:4]
         return _study(
-            data["setup"], Camera(width, height, focal, center, distortion, camera["model"]),
+            data["setup"], lens,
             {str(key): str(value) for key, value in data.get("provenance", {}).items()},
             ([row[0] for row in images], poses), [row[0] for row in points],
             ([row[1] for row in points], np.delete(numbers, [2, 3], axis=1)),

@@ -12,14 +12,12 @@ from typing import Annotated
 
 import numpy as np
 
-from cpcal.checker import Refused, Unusable
 from cpcal.checker.bounds import Bounds, between, matrix
 from cpcal.checker.frames import GIVEN, R_F, R_X, SIZE, T_F, T_X, holds, rotation, unit
 from cpcal.checker.hand_eye import (
     BEYOND,
     HAND_EYE_FORMAT,
     HAND_EYE_NAME,
-    check_hand_eye,
     errors,
     known_point,
     parameter_ranges,
@@ -28,7 +26,6 @@ from cpcal.checker.polynomial import applied, plus
 from cpcal.checker.readers import up
 from cpcal.common.codec import Document, Informed, checked
 from cpcal.common.errors import InputError, refuse, unusable
-from cpcal.common.files import StrPath
 from cpcal.common.numbers import at_least, at_most
 from cpcal.common.values import Floats, Names, Numbers
 from cpcal.common.version import __version__
@@ -505,7 +502,7 @@ def _ranges(wide: Proof, point: PlacedFrames, hand: Sequence[F], at: Sequence[fl
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Runs of `cpcal handeye certify` checked again: by the checker, and what no proof can say beside.
+# Runs of `cpcal handeye certify` checked again: what no proof can say.
 #
 # The checker accepts what is proved. That the centre of the box is the least-squares answer is no matter of proof: that
 # answer is computed again here.
@@ -514,20 +511,12 @@ _APART = 1e-3  # of the deviations of a least-squares answer, or of the box: how
 _ROUNDING = 1e-6  # mm and rad: the same where pixels fit without error
 
 
-def verify_hand_eye(folder: StrPath) -> list[tuple[bool, str]]:
-    """For each statement of the run in `folder`: whether it is accepted, and a sentence.
-
-    Raises InputError where files cannot be read.
-    """
-    run = Path(folder)
-    try:
-        study, found = load_study_json(run), load_hand_eye_result(run)
-        statements = check_hand_eye(run)
-    except (Refused, Unusable) as reason:
-        raise unusable(str(run), str(reason), "run cpcal handeye certify again") from None
+def verify_center(run: Path) -> tuple[bool, str]:
+    """Whether the box's centre is the least-squares answer, and a sentence. Raises InputError."""
+    study, found = load_study_json(run, undistorted=True), load_hand_eye_result(run)
     said = "centre: the least-squares answer" + (f" without {', '.join(found.left_out)}" if found.left_out else "")
     refused = _not_least_squares(study, found)
-    return [*statements, (not refused, f"centre: REFUSED, {refused}" if refused else said)]
+    return not refused, f"centre: REFUSED, {refused}" if refused else said
 
 
 def _not_least_squares(study: HandEyeStudy, found: HandEyeResult) -> str:

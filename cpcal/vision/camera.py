@@ -220,6 +220,8 @@ class Camera(Value):
     def normalised(self, pixels: ArrayLike) -> Floats:
         """The directions (..., 2) that pixels (..., 2) show, by Newton's method; nan where there is none nearby."""
         wanted = np.ascontiguousarray((floats(pixels) - self.center) / self.focal)
+        if self.model == BROWN and not self.distortion.any():
+            return wanted
         found = np.empty(wanted.shape)
         unbent(self.packed[4:], wanted.reshape(-1, 2), found.reshape(-1, 2))
         return found

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cpcal.checker.hand_eye import HandEyeCertificates
+from cpcal.checker.hand_eye import HandEyeCertificates, check_hand_eye
 from cpcal.common.values import Floats
 from cpcal.models.hand_eye import CAMERA, HandEyeFrames, HandEyeStudy, study_json, study_of_board
 from cpcal.models.hand_eye_fit import classical_answer
@@ -46,6 +46,11 @@ def cart(seed: int, images: int = 12, tilt: float = 0.0) -> tuple[HandEyeStudy, 
     exact = study_of_board(hand, seen, board, setup="eye-in-hand", camera=CAMERA, images=names)
     study = replace(exact, pixels=exact.pixels + random.uniform(-0.1, 0.1, exact.pixels.shape))
     return study, HandEyeFrames(e.rotation, e.position, target.rotation, target.position)
+
+
+def statements_of(run: Path) -> list[tuple[bool, str]]:
+    """Of `cpcal verify`, in this process."""
+    return [*check_hand_eye(run), hand_eye.verify_center(run)]
 
 
 def bytes_of(folder: Path, name: Any, seen: tuple[Any, ...] = ()) -> Any:
@@ -103,7 +108,7 @@ def refused(tmp_path: Path) -> Callable[..., None]:
             path.write_text(json.dumps(data))
         else:
             path.write_text(change(path.read_text()))
-        found = {sentence.split(":")[0]: (ok, sentence) for ok, sentence in hand_eye.verify_hand_eye(tmp_path / "run")}
+        found = {sentence.split(":")[0]: (ok, sentence) for ok, sentence in statements_of(tmp_path / "run")}
         accepted, sentence = found[what]
         assert not accepted, found
         assert re.search(f"REFUSED, .*{reason}", sentence), found

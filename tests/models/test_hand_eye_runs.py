@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 import cpcal.checker
 from cpcal.checker.frames import E_, R_X, T_X
 from cpcal.checker.hand_eye import errors, known_point, parameter_ranges
-from cpcal.checker.readers import dyadic
+from cpcal.checker.readers import Refused, dyadic
 from cpcal.cli import app
 from cpcal.common.errors import InputError
 from cpcal.models import hand_eye_fit
@@ -43,7 +43,7 @@ from cpcal.questions.hand_eye import (
     certify_hand_eye,
     load_hand_eye_result,
     save_hand_eye_result,
-    verify_hand_eye,
+    verify_center,
 )
 from cpcal.report.hand_eye_page import known_sentence, write_hand_eye
 from cpcal.robot import (
@@ -57,7 +57,7 @@ from cpcal.robot import (
 )
 from tests.changed import put
 from tests.every_key import accepted_changes
-from tests.models.conftest import cart, unknowns_of
+from tests.models.conftest import cart, statements_of, unknowns_of
 
 NEAR = Within(50.0, 1.5)
 WIDTH, BEYOND = 0.1, 0.1  # px: half-width of a pixel, and how far beyond it every pixel is off
@@ -140,7 +140,7 @@ def given(tmp_path_factory):
 
 def test_runs_are_verified_and_read_back(exact_run, uncertain, wrong, given):
     for run in (exact_run, uncertain, wrong, given):
-        assert [accepted for accepted, _ in verify_hand_eye(run.folder)] == [True] * 6
+        assert [accepted for accepted, _ in statements_of(run.folder)] == [True] * 6
         assert load_hand_eye_result(run.folder) == run.result
         assert load_study_json(run.folder) == run.study
 
@@ -199,7 +199,7 @@ def test_known_values_bound_what_the_pixels_leave_open_and_are_never_called_prov
     ends = np.degrees(np.arccos([ranges.hi[20], ranges.lo[20]]))
     assert KNOWN[1][1:] == pytest.approx(tuple(ends), abs=1e-9)
     assert given.result.complete
-    sentences = [said for _, said in verify_hand_eye(given.folder)]
+    sentences = [said for _, said in statements_of(given.folder)]
     said = "given, not proved: camera.z from 291.0 to 301.0 mm, target.tilt from 84.77 to 84.8 degrees"
     assert said in sentences[0]
     for said in sentences[1:3]:
@@ -217,7 +217,7 @@ def test_a_known_value_that_the_data_contradict_raises_eps_and_that_is_proved(ex
     certified(run, within=replace(NEAR, known=(("target.y", place + 1.0, place + 3.0),)), gap=0.1)
     assert free.eps_hi < 0.5 * run.result.eps_lo
     assert any(said.startswith("The data contradict the given values") for said in run.result.remarks)
-    assert all(accepted for accepted, _ in verify_hand_eye(run.folder))
+    assert all(accepted for accepted, _ in statements_of(run.folder))
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (1, 2, 3))])
@@ -295,7 +295,7 @@ def test_a_tolerance_below_the_bracket_is_refuted(exact_run, tmp_path):
     run = certified(Run(tmp_path / "run", exact_run.study, None), within=NEAR, tolerance=low)
     assert run.result.passes is False
     assert run.result.ranges.empty
-    assert [accepted for accepted, _ in verify_hand_eye(run.folder)] == [True] * 6
+    assert [accepted for accepted, _ in statements_of(run.folder)] == [True] * 6
 
 
 def test_a_point_of_ones_own_is_asked_about_and_a_run_without_time_says_so(exact_run, tmp_path):
@@ -304,8 +304,8 @@ def test_a_point_of_ones_own_is_asked_about_and_a_run_without_time_says_so(exact
     assert run.result.ranges.known.place > exact_run.result.ranges.known.place  # without time
     assert run.result.timed
     assert not run.result.complete
-    assert (True, "lower end: NOT CERTIFIED, eps >= 0") in verify_hand_eye(run.folder)
-    assert [accepted for accepted, _ in verify_hand_eye(run.folder)] == [True] * 6
+    assert (True, "lower end: NOT CERTIFIED, eps >= 0") in statements_of(run.folder)
+    assert [accepted for accepted, _ in statements_of(run.folder)] == [True] * 6
     for at in ((1.0, 2.0), (0.0, 0.0, math.nan), (0.0, 0.0, 1e6)):
         with pytest.raises(InputError, match=r"point before the camera: is .* -> give x, y, z in the camera frame, mm"):
             certify_hand_eye(exact_run.study, at=at)
@@ -422,7 +422,7 @@ def test_a_number_that_is_none_is_refused(exact_run, tmp_path, change, reason):
     change(data)
     (tmp_path / "run" / "handeye.json").write_text(json.dumps(data))
     with pytest.raises(InputError, match=f"json: lacks or garbles a field: .*{re.escape(reason)}.* -> run cpcal"):
-        verify_hand_eye(tmp_path / "run")
+        verify_center(tmp_path / "run")
 
 
 # forged studies and certificates -----------------------------------------------------------------------------------
@@ -441,8 +441,8 @@ def test_an_undistorted_pixel_that_the_lens_moves_elsewhere_is_refused(exact_run
     data = json.loads((tmp_path / "run" / "study.json").read_text())
     data["points"][0][4] += 1e-6
     (tmp_path / "run" / "study.json").write_text(json.dumps(data))
-    with pytest.raises(InputError, match=r"study\.json holds an undistorted pixel that is another one"):
-        verify_hand_eye(tmp_path / "run")
+    with pytest.raises(Refused, match=r"study\.json holds an undistorted pixel that is another one"):
+        statements_of(tmp_path / "run")
 
 
 def lines_changed(change):
@@ -501,7 +501,7 @@ def test_a_lower_end_that_rests_on_ranges_at_a_smaller_tolerance_is_refused(exac
 def test_a_certificate_that_nothing_names_is_refused(exact_run, tmp_path):
     shutil.copytree(exact_run.folder, tmp_path / "run")
     shutil.copy(tmp_path / "run" / "lower.cert.jsonl", tmp_path / "run" / "other.cert.jsonl")
-    refusals = [sentence for accepted, sentence in verify_hand_eye(tmp_path / "run") if not accepted]
+    refusals = [sentence for accepted, sentence in statements_of(tmp_path / "run") if not accepted]
     assert len(refusals) == 1
     assert "does not name the certificate 'other.cert.jsonl'" in refusals[0]
 
@@ -550,8 +550,8 @@ def test_every_change_outside_of_the_information_is_refused(exact_run, uncertain
 
         def verified(folder=folder):
             try:
-                return all(accepted for accepted, _ in verify_hand_eye(folder))
-            except InputError:
+                return all(accepted for accepted, _ in statements_of(folder))
+            except (InputError, Refused):
                 return False
 
         assert verified()
@@ -621,7 +621,7 @@ def test_real_pairs_of_poses_close_to_a_millionth_from_any_rotation(tmp_path, na
     assert math.isclose(run.result.eps_hi, eps, rel_tol=1e-6)
     assert run.result.eps == share * run.result.eps_hi
     assert max(run.result.ranges.high[k] - run.result.ranges.low[k] for k in (3, 4, 5, 9, 10, 11)) < 30.0
-    assert all(accepted for accepted, _ in verify_hand_eye(run.folder))
+    assert all(accepted for accepted, _ in statements_of(run.folder))
 
 
 @pytest.mark.real_data
