@@ -13,7 +13,7 @@ import numpy as np
 from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import listed
 from cpcal.common.least_squares import least_squares
-from cpcal.common.values import ArrayLike, Bools, Floats, Names, Numbers, floats, freeze
+from cpcal.common.values import ArrayLike, Bools, Floats, Names, Numbers, Places, floats, freeze
 from cpcal.robot import Campaign, LegEquations, Robot, distances, forward_poses
 
 
@@ -161,7 +161,7 @@ class Fit:
     doubted     whether the residuals decided against the noise that was given
     """
 
-    legs: tuple[int, ...]
+    legs: Places
     equations: LegEquations
     parameters: Floats
     weight: Floats

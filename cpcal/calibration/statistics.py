@@ -18,7 +18,7 @@ import numpy.typing as npt
 from cpcal.calibration.fit import Noise
 from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import listed
-from cpcal.common.values import ArrayLike, Bools, Floats, Ints, Names, floats, frozen_array
+from cpcal.common.values import ArrayLike, Bools, Floats, Ints, Names, Places, floats, frozen_array
 from cpcal.robot import Campaign, LegEquations, PoseTable, Robot, Uncertainty, turn_between
 from cpcal.robot.units import AXES, leg_columns
 
@@ -206,7 +206,7 @@ class Screening(NamedTuple):
 
     channels: Names
     scores: Floats
-    rows: tuple[int, ...]
+    rows: Places
     names: Names
     untested: Names
     too_many: bool

@@ -32,6 +32,7 @@ Ints: TypeAlias = npt.NDArray[np.int64]
 Shape: TypeAlias = tuple[int, ...]
 Names: TypeAlias = tuple[str, ...]
 Numbers: TypeAlias = tuple[float, ...]
+Places: TypeAlias = tuple[int, ...]  # of rows, legs or coordinates among all
 
 TINY = float(np.finfo(np.float64).tiny)  # below every number that is told from 0
 FORTH, BACK = [1, 2, 0], [2, 0, 1]  # of a cross product

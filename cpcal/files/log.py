@@ -27,7 +27,7 @@ from cpcal.common.documents import NUMBERS
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import TEXT_MAX, listed, small_file
 from cpcal.common.numbers import about
-from cpcal.common.values import ArrayLike, Floats, Names
+from cpcal.common.values import ArrayLike, Floats, Names, Places
 from cpcal.files.folders import Settings, campaign_of_table, load_settings
 from cpcal.files.tables import QUATERNION, Table
 from cpcal.robot import EXACT_OR_NOT, ROBOTS, Campaign, Robot, known_robot
@@ -64,7 +64,7 @@ class Log:
     where: str
     header: Names
     rows: tuple[Names, ...]
-    lines: tuple[int, ...]
+    lines: Places
     decimal: str
 
 

@@ -25,7 +25,7 @@ from cpcal.common.errors import InputError, ModelError, PluginError, Problem, un
 from cpcal.common.least_squares import least_squares
 from cpcal.common.numbers import nearest
 from cpcal.common.numbers import stated as as_stated
-from cpcal.common.values import BACK, FORTH, ArrayLike, Floats
+from cpcal.common.values import BACK, FORTH, ArrayLike, Floats, Names, Places
 from cpcal.files import campaign_sha256
 from cpcal.robot import Campaign, LegEquations, leg_vectors
 from cpcal.robot.kinematics import rotation_numerators
@@ -101,7 +101,7 @@ class LegModel:
     square: Term | None = None
 
     @property
-    def parameters(self) -> tuple[str, ...]:
+    def parameters(self) -> Names:
         """All names: the seven of the plain model first."""
         return (*PARAMETERS, *(p.name for p in self.extra))
 
@@ -446,7 +446,7 @@ def leg_readings(campaign: Campaign, leg: int) -> tuple[Floats, Floats]:
 def leg_statement(
     campaign: Campaign,
     leg: int,
-    only: tuple[int, ...] | None = None,
+    only: Places | None = None,
     model: str = PLAIN.name,
     forms: tuple[Given, ...] = (),
 ) -> Statement:
@@ -472,7 +472,7 @@ def of_measurements(network: ConstraintNetwork, only: Sequence[int] | None) -> C
 
 
 def model_statement(
-    campaign: Campaign, leg: int, model: LegModel, domain: Box, only: tuple[int, ...] | None = None
+    campaign: Campaign, leg: int, model: LegModel, domain: Box, only: Places | None = None
 ) -> Statement | None:
     """What a certificate says: for a model that comes with cpcal the leg, for others the constraints themselves.
 

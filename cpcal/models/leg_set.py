@@ -26,7 +26,7 @@ import numpy as np
 from cpcal.checker.certificate import Given, polynomial, with_forms
 from cpcal.checker.platform import DIRECTION_BITS, Commanded, direction_form
 from cpcal.common.errors import unusable
-from cpcal.common.values import Floats
+from cpcal.common.values import Floats, Places
 from cpcal.models import PLAIN, ModelResiduals, leg_box, leg_network, leg_statement, of_measurements
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
@@ -74,7 +74,7 @@ class AskedSet(NamedTuple):
     delta: float
     controller: Floats
     contractors: Sequence[str] = ("lifted",)
-    only: tuple[int, ...] | None = None
+    only: Places | None = None
 
     @property
     def basis(self) -> Floats:

@@ -36,7 +36,7 @@ from cpcal.checker.rule import Box
 from cpcal.checker.sight import POSE_SET_FORMAT, Part, Rows, Sight, digest_of, joined, rows_of, sight_of
 from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import StrPath, write_file
-from cpcal.common.values import ArrayLike, Floats, Indices, Value, fill, freeze, frozen_array
+from cpcal.common.values import ArrayLike, Floats, Indices, Names, Places, Value, fill, freeze, frozen_array
 from cpcal.robot import Pose, normalised, quaternion_from_matrix, quaternion_product
 from cpcal.robot.kinematics import nearest_rotation
 from cpcal.solver.certificate.exact_network import number
@@ -267,8 +267,8 @@ class _Ended(NamedTuple):
 
     turn: tuple[F, ...]
     left: Box | None
-    wrong: tuple[int, ...]
-    after: tuple[str, ...]
+    wrong: Places
+    after: Names
 
 
 class _Search:
@@ -287,7 +287,7 @@ class _Search:
         for k in range(_ROUNDS):
             if now.left is None:
                 return now
-            wrong, few = tuple[int, ...](), k < rounds - 1
+            wrong, few = Places(), k < rounds - 1
             if self.outliers:  # dots that no pose of the box shows
                 every = range(len(self.sight.dots))
                 rows = rows_of(self.sight, every, now.turn, (now.turn, now.left))
@@ -322,7 +322,7 @@ class _Search:
         about, box = joined(parts, self.outliers)
         return _Ended(about, box, (), tuple(file for file, *_ in self.written))
 
-    def _narrowed(self, now: _Ended, wrong: tuple[int, ...], few: bool) -> _Ended | None:
+    def _narrowed(self, now: _Ended, wrong: Places, few: bool) -> _Ended | None:
         """By all other dots, or a few; None where too many may be wrong, or nothing is gained."""
         assert now.left is not None
         outliers = self.outliers - len(wrong)
@@ -395,7 +395,7 @@ class PoseSet:
     position_radius: Floats | None
     rotation_radius: Floats | None
     outliers: int
-    refuted: tuple[int, ...]
+    refuted: Places
     reason: str
     seconds: float
 

@@ -19,7 +19,7 @@ from cpcal.common.codec import Document, Informed, checked
 from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.files import StrPath
 from cpcal.common.numbers import about, bracket_text
-from cpcal.common.values import Floats, Indices, Names, Numbers
+from cpcal.common.values import Floats, Indices, Names, Numbers, Places
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.models import PLAIN, beyond_legs
@@ -150,7 +150,7 @@ class Accuracy:
     parameters: Annotated[tuple[Numbers, ...], checked("the forms of the certificates")]
     delta: Annotated[float, checked("the box of each certificate")]
     within: Annotated[tuple[float, float], checked("what is computed again begins with it")]
-    held: Annotated[tuple[int, ...], checked("what is computed again holds them")]
+    held: Annotated[Places, checked("what is computed again holds them")]
     legs: tuple[AssumedLeg, ...]
     poses: tuple[PoseAccuracy, ...]
     workspace: Informed[WorkspaceAccuracy | None]
@@ -159,7 +159,7 @@ class Accuracy:
     seconds: Informed[float]
 
     @property
-    def refuted(self) -> tuple[int, ...]:
+    def refuted(self) -> Places:
         """Legs for which the campaign refutes what is assumed: nothing else is said then."""
         return tuple(leg.leg for leg in self.legs if not leg.lo)
 
@@ -341,7 +341,7 @@ def _problems(
     result: Result,
     poses: NamedPoses | None,
     assume: float | Sequence[float] | None,
-    held: tuple[int, ...],
+    held: Places,
 ) -> Iterator[Problem]:
     n, legs = campaign.legs, [leg.leg for leg in result.legs]
     whole = legs == list(range(1, n + 1))
@@ -376,7 +376,7 @@ def _over(
     sets: Sequence[CertifiedSet],
     gap: float,
     cells: int,
-    held: tuple[int, ...],
+    held: Places,
     say: Tell,
     proposal: str,
 ) -> WorkspaceAccuracy:
@@ -419,7 +419,7 @@ def _mean_orientation(campaign: Campaign) -> Floats:
     return np.asarray(mean_rotations(campaign.quaternion, np.zeros(len(campaign), np.int64), 1)[0])
 
 
-def held_coordinates(campaign: Campaign) -> tuple[int, ...]:
+def held_coordinates(campaign: Campaign) -> Places:
     """Numbers of x, y, z, rx, ry, rz that the mechanism of a robot with fewer than six legs holds: those that the
     measured poses vary by no more than their reading sets."""
     if campaign.legs >= 6:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cpcal.common.errors import InputError
-from cpcal.common.values import Floats
+from cpcal.common.values import Floats, Places
 from cpcal.models import built_in, leg_box, leg_network, model_statement, of_measurements
 from cpcal.questions.question import Question
 from cpcal.questions.result import Uncertified
@@ -60,7 +60,7 @@ class PreparedLeg(NamedTuple):
     center: Floats
     problem: Prepared
     named: list[tuple[str, Contractor]]
-    only: tuple[int, ...] | None
+    only: Places | None
     statement: Statement | None = None
 
     @property
@@ -73,7 +73,7 @@ class PreparedLeg(NamedTuple):
         lo, hi = self.domain["eps"].lo, self.domain["eps"].hi
         return self.domain.replace("eps", lo=eps, hi=eps) if lo <= eps <= hi else Box.empty(self.domain.names)
 
-    def alone(self, only: tuple[int, ...]) -> PreparedLeg:
+    def alone(self, only: Places) -> PreparedLeg:
         """The same for some measurements, without a certificate."""
         network = of_measurements(self.problem.network, only)
         named = plugins.build_each(network, self.question.options.contractors, objective="eps")
@@ -92,7 +92,7 @@ def prepared_leg(
     leg: int,
     *,
     center: Floats | None = None,
-    only: tuple[int, ...] | None = None,
+    only: Places | None = None,
     highest: float | None = None,
 ) -> PreparedLeg:
     """`center`: where it is known. `only`: some measurements. `highest`: eps up to that."""

@@ -12,7 +12,7 @@ import numpy as np
 from cpcal.checker import Accepted
 from cpcal.common.errors import InputError, refuse, together, unusable
 from cpcal.common.files import StrPath
-from cpcal.common.values import ArrayLike
+from cpcal.common.values import ArrayLike, Names, Numbers
 from cpcal.files import campaign_sha256
 from cpcal.files.folders import keep_beside
 from cpcal.files.run_folder import FITTED, answers_into
@@ -33,7 +33,7 @@ class VerifiedFit:
     """A point of one leg, and how many measurements it is proved to satisfy, and to fail."""
 
     leg: int
-    point: tuple[float, ...]
+    point: Numbers
     verified: VerifiedPoint
 
 
@@ -41,8 +41,8 @@ class VerifiedFit:
 class PointResult(VerifiedFit):
     """What is proved of a point of one leg: `holds` and `fails` name the measurements (pose/run)."""
 
-    holds: tuple[str, ...]
-    fails: tuple[str, ...]
+    holds: Names
+    fails: Names
 
 
 def certify_point(

@@ -17,7 +17,7 @@ from cpcal.common.codec import INFORMATION, Document, Informed, checked
 from cpcal.common.errors import printable, refuse, unusable
 from cpcal.common.files import StrPath
 from cpcal.common.numbers import stated
-from cpcal.common.values import Names, Numbers
+from cpcal.common.values import Names, Numbers, Places
 from cpcal.files.folders import CAMPAIGN_NAME, campaign_sha256, save_campaign_json
 from cpcal.models import BUILT_IN, PARAMETERS, PLAIN, LegModel, Parameter, leg_model, model_name_problem
 from cpcal.robot import Campaign
@@ -83,7 +83,7 @@ class Options:
     Raises InputError with every problem that shows without the campaign.
     """
 
-    legs: Annotated[tuple[int, ...] | None, checked("the legs that are there")] = None
+    legs: Annotated[Places | None, checked("the legs that are there")] = None
     delta: Annotated[float, checked("the box of each certificate")] = 100.0
     center: Informed[str] = "fit"
     gap: Informed[float] = 1e-6

@@ -9,7 +9,7 @@ import numpy as np
 
 from cpcal.common.errors import CpcalError
 from cpcal.common.numbers import about, at_least, at_most, stated
-from cpcal.common.values import Bools, Floats
+from cpcal.common.values import Bools, Floats, Places
 from cpcal.models import PLAIN, LegModel, ModelResiduals, fit_model, leg_model
 from cpcal.questions import LegResult, Result, Uncertified, status_of, verdict_of
 from cpcal.questions.verdict import plain_side
@@ -259,14 +259,14 @@ class Advice(NamedTuple):
     short: str
     fit: Fitted
     more: str = ""
-    wrong: tuple[int, ...] = ()
+    wrong: Places = ()
 
 
 def advise(campaign: Campaign, result: Result, leg: LegResult, model: LegModel) -> Advice:
     """`model`: the result's."""
     verdict, found = verdict_of(result, leg), fitted(campaign, result, leg, model)
     kind, reduced = verdict.kind, leg.reduced
-    short, more, wrong = "", "", tuple[int, ...]()
+    short, more, wrong = "", "", Places()
     uncertain = "because the readings are too uncertain: measure them more precisely"
     if kind == "uncompared":
         short, more = "compare the constraints", "No program has compared those of the certificates with the model."
@@ -299,7 +299,7 @@ def advise(campaign: Campaign, result: Result, leg: LegResult, model: LegModel) 
     return Advice(short, found, more, wrong)
 
 
-def misread(found: Fitted, used: Bools) -> tuple[int, ...]:
+def misread(found: Fitted, used: Bools) -> Places:
     """Measurements that the others contradict: studentised residuals from a fit without them, beyond chance in all.
 
     The first one to leave is the one that stands out most; of so many as leave all must stand out against the rest.
@@ -307,7 +307,7 @@ def misread(found: Fitted, used: Bools) -> tuple[int, ...]:
     from scipy.special import stdtrit  # here: `verify` needs no scipy
 
     left, out = used.copy(), list[int]()
-    named: tuple[int, ...] = ()
+    named: Places = ()
     for _ in range(_MOST_WRONG + 1):
         freedom = int(left.sum()) - found.jacobian.shape[1]
         if freedom < _FREEDOM:

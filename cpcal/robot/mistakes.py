@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cpcal.common.numbers import about
-from cpcal.common.values import TINY, Floats, norms
+from cpcal.common.values import TINY, Floats, Names, norms
 from cpcal.robot.campaign import Campaign, Given
 from cpcal.robot.kinematics import (
     KinematicsError,
@@ -629,7 +629,7 @@ _ABSURD = 0.2  # of the robot's size: no drawing is so bad, also where a fit exp
 
 
 @lru_cache(maxsize=4)  # `certify` warns, and its page says it again
-def suspicions(campaign: Campaign) -> tuple[str, ...]:
+def suspicions(campaign: Campaign) -> Names:
     """A sentence for each thing that looks wrong with the campaign as a whole; none if all is as it should be."""
     mistake, others = doubts(campaign, spread_of(campaign))
     return (*filter(None, [mistake]), *others)

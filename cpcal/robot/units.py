@@ -14,7 +14,7 @@ import numpy as np
 
 from cpcal.common.errors import YOUR_DATA, Problems, refuse, shown, unusable
 from cpcal.common.files import NAME_MAX
-from cpcal.common.values import ArrayLike, Floats, Value, as_floats, fill, frozen_mapping, norms
+from cpcal.common.values import ArrayLike, Floats, Names, Value, as_floats, fill, frozen_mapping, norms
 from cpcal.robot.kinematics import (
     normalised,
     quaternion_from_matrix,
@@ -59,7 +59,7 @@ class RotationForm:
     beside them, where a table says none."""
 
     name: str
-    columns: tuple[str, ...]
+    columns: Names
     unit: str = "rad"
     length: str = ""
 

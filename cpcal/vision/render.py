@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.common.values import Floats
+from cpcal.common.values import Floats, Places
 from cpcal.robot import Pose, transformed
 from cpcal.vision.camera import Camera
 from cpcal.vision.dots import observe_dots
@@ -53,7 +53,7 @@ def render(
     scene: Scene | None = None,
     *,
     seed: int = 0,
-    hidden: tuple[int, ...] = (),
+    hidden: Places = (),
 ) -> Grey:
     """The image (height, width) of the target at `pose` (target in camera frame, mm), but for its `hidden` dots.
 
@@ -97,7 +97,7 @@ def contours(target: Target, camera: Camera, pose: Pose) -> Floats:
     return camera.project(points)
 
 
-def _covered(target: Target, camera: Camera, pose: Pose, blur: float, hidden: tuple[int, ...]) -> Single:
+def _covered(target: Target, camera: Camera, pose: Pose, blur: float, hidden: Places) -> Single:
     """Which share of each pixel's light comes from dots, blurred: (height, width)."""
     cv2 = opencv()
     edge = contours(target, camera, pose)[np.setdiff1d(np.arange(len(target.dots)), hidden)]

@@ -20,7 +20,7 @@ from typing import Any, Self, TypeVar
 import numpy as np
 
 from cpcal.common.errors import ModelError
-from cpcal.common.values import ArrayLike, Indices, Shape
+from cpcal.common.values import ArrayLike, Indices, Names, Shape
 from cpcal.solver.interval import Box, Interval, IntervalArray
 from cpcal.solver.interval.box import checked_name, component_names, has_points
 from cpcal.solver.interval.numbers import float_bounds
@@ -135,7 +135,7 @@ class ConstraintNetwork:
         return tuple(self._constraints)
 
     @property
-    def names(self) -> tuple[str, ...]:
+    def names(self) -> Names:
         """Component names of the flattened variables: the names in a `Box`."""
         return tuple(self._owner)
 

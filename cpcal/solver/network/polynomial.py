@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common.values import Bools, Indices, Shape
+from cpcal.common.values import Bools, Indices, Names, Shape
 from cpcal.solver.interval import IntervalArray
 from cpcal.solver.interval.operations import CODES
 from cpcal.solver.network import coefficient as coef
@@ -381,7 +381,7 @@ class PolynomialSystem(NamedTuple):
     the rows made from that constraint it belongs to.
     """
 
-    names: tuple[str, ...]
+    names: Names
     monomials: Monomials
     coefficients: IntervalArray
     guarded: Bools

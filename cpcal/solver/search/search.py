@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common.values import Indices
+from cpcal.common.values import Indices, Names
 from cpcal.solver.accounts import Uses
 from cpcal.solver.contract import Contraction, Row
 from cpcal.solver.execution.checkpoint_file import Line
@@ -255,7 +255,7 @@ class Standing(NamedTuple):
             yield from ({"in": where} | _line(box) for box in getattr(self, where))
 
     @classmethod
-    def from_lines(cls, created: int, names: tuple[str, ...], lines: Iterable[Line]) -> Standing:
+    def from_lines(cls, created: int, names: Names, lines: Iterable[Line]) -> Standing:
         """What `lines` gave. Raises KeyError, TypeError, ValueError, ModelError."""
         found: dict[str, list[Any]] = {where: [] for where in ("pending", "begun", "kept", "inside", "outside")}
         for line in lines:
@@ -277,7 +277,7 @@ def _line(box: Box, state: Branch | Box | None = None) -> Line:
     return {name: None if one.is_empty else [one.lo.tolist(), one.hi.tolist()] for name, one in boxes.items()}
 
 
-def _box_of(names: tuple[str, ...], bounds: Any) -> Box:
+def _box_of(names: Names, bounds: Any) -> Box:
     return Box.empty(names) if bounds is None else Box(names, *(np.array(side, np.float64) for side in bounds))
 
 

@@ -26,7 +26,7 @@ from cpcal.common.codec import decoded, encoded
 from cpcal.common.documents import csv_table
 from cpcal.common.errors import unusable
 from cpcal.common.files import small_file, write_file
-from cpcal.common.values import Floats
+from cpcal.common.values import Floats, Numbers
 from cpcal.common.version import __version__
 from cpcal.robot import Pose
 from cpcal.robot.units import AXES, POSE, SHARED_COLUMNS
@@ -288,7 +288,7 @@ class Detection:
     file: str
     reason: str = ""
     dots: int = 0
-    values: tuple[float, ...] = ()
+    values: Numbers = ()
     doubt: str = ""
 
     def __post_init__(self) -> None:

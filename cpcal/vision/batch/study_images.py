@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cpcal.common.errors import InputError, Problem, unusable
-from cpcal.common.values import ArrayLike
+from cpcal.common.values import ArrayLike, Names
 from cpcal.robot import Pose, PoseTable, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.batch.detect import (
     POSITION,
@@ -58,7 +58,7 @@ class RenderedImages:
     names  (N) such as "e00/1/3.png": pose, run and image; an image "mean" has the noise of a mean of ten images
     """
 
-    names: tuple[str, ...]
+    names: Names
     poses: Pose
     target: Target
     camera: Camera

@@ -14,7 +14,7 @@ from functools import partial
 
 import numpy as np
 
-from cpcal.common.values import AnyArray, Bools, Floats, freeze, norms
+from cpcal.common.values import AnyArray, Bools, Floats, Shape, freeze, norms
 from cpcal.vision.dots.edge import LINEAR, OUTSIDE, PLAIN, Edges, fitted_edges
 from cpcal.vision.dots.segmentation import (
     Spots,
@@ -327,7 +327,7 @@ def _quality(edges: Edges, noise: float) -> Floats:
     return np.nan_to_num(1.0 / (1.0 + strange / _TOLERATED))
 
 
-def _dot_like(found: Spots, edges: Edges, noise: float, shape: tuple[int, ...]) -> Bools:
+def _dot_like(found: Spots, edges: Edges, noise: float, shape: Shape) -> Bools:
     """Which (n,) of the fits are dots for themselves."""
     axes, radius, contrast = edges.axes, found.radius, edges.contrast if found.bright else -edges.contrast
     size, (xx, xy, yy) = np.sqrt(axes.prod(axis=1)), edges.conic[:, [0, 0, 1], [0, 1, 1]].T

@@ -15,7 +15,7 @@ import numpy as np
 from cpcal.common.documents import KeyPath, TomlReader, array, document, one_of, positive, text, truth, whole
 from cpcal.common.errors import InputError, Problems, shown, unusable
 from cpcal.common.files import StrPath, small_file, write_file
-from cpcal.common.values import Floats, Value, fill, freeze, frozen_mapping
+from cpcal.common.values import Floats, Names, Value, fill, freeze, frozen_mapping
 from cpcal.vision.camera import BROWN, CAMERA_NUMBERS, LENSES, PIXELS_MAX, Camera, implausible
 from cpcal.vision.opencv import MissingExtraError
 from cpcal.vision.target import Target, target_from
@@ -23,7 +23,7 @@ from cpcal.vision.target import Target, target_from
 T = TypeVar("T")
 
 
-def _loaded(path: StrPath, format_: str, sections: tuple[str, ...], read: Callable[[TomlReader], T | None]) -> T:
+def _loaded(path: StrPath, format_: str, sections: Names, read: Callable[[TomlReader], T | None]) -> T:
     """What `read` makes of the TOML file `path`. Raises one InputError that lists every problem of the file."""
     problems, file = Problems(), Path(path)
     reader = TomlReader.opened(file, format_, sections, problems, "write one as docs/images.md shows")
