@@ -90,7 +90,7 @@ def write_shots(nominal: Robot, options: dict[str, Any], folder: Path) -> Study:
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal image camera`: a camera from a file of another kind, or from images. `cpcal image target`: the plate.
 
-IMAGE_FOLDER = argument("IMAGES", "Folder of PNG, JPEG or TIFF files, and below.")
+IMAGE_FOLDER = argument("IMAGES", "Folder of PNG, JPEG, TIFF or BMP files, and below.")
 CAMERA_FILE = option(..., "The camera: camera.toml, or a YAML file of OpenCV or ROS.", "FILE")
 WORKERS = option(None, "Processes [default: one a core]", min=1)
 
@@ -151,7 +151,7 @@ def _names(folder: Path) -> list[str]:
     names = list(ImageFolder(folder).names) if folder.is_dir() else []
     if not names:
         what = "is not a folder" if folder.exists() else "does not exist"
-        what = "holds no PNG, JPEG or TIFF files" if folder.is_dir() else what
+        what = "holds no PNG, JPEG, TIFF or BMP files" if folder.is_dir() else what
         raise unusable(str(folder), what, "give a folder with images")
     return names
 

@@ -80,7 +80,7 @@ def study_of_photos(
         bias = predicted_centers(target, camera, found.pose) - camera.project(transformed(found.pose, target.points))
         seen.append((stem, found.numbers, found.centers - bias[found.numbers]))
     if not seen:
-        what = "holds no photograph with a pose and the board: " + "; ".join(left[:3])
+        what = "holds no photograph with a pose and the board: " + "; ".join(left[:3] or ["no file is an image"])
         raise unusable(str(folder), what, "check the board, the poses' names, the camera's size")
     given = np.array([poses[stem] for stem, *_ in seen])
     study = HandEyeStudy(

@@ -114,7 +114,7 @@ def test_every_problem_of_every_file_is_told_and_nothing_is_written(shots, tmp_p
 def test_options_that_do_not_go_together_are_told_at_once(shots, tmp_path):
     files = ("--target", shots / "target.toml", "--camera", shots / "camera.toml")
     said = refused("image", "detect", tmp_path, "-o", tmp_path / "x.csv", *files, "--table", "t")
-    for part in ("--readings and --table", "holds no PNG, JPEG or TIFF"):
+    for part in ("--readings and --table", "holds no PNG, JPEG, TIFF or BMP"):
         assert part in said
 
 

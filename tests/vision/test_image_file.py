@@ -4,6 +4,7 @@ import json
 import os
 import struct
 import zlib
+from itertools import product
 
 import numpy as np
 import pytest
@@ -25,9 +26,12 @@ def written(path, image):
     return path
 
 
-@pytest.mark.parametrize("suffix", ["png", "tif", "tiff"])
+COLOUR = np.dstack([GREY, GREY[::-1], GREY.T.reshape(48, 64)])
+
+
 @pytest.mark.parametrize(
-    "image", [GREY, GREY.astype(np.uint16) * 257, np.dstack([GREY, GREY[::-1], GREY.T.reshape(48, 64)])]
+    "suffix, image",
+    [*product(["png", "tif", "tiff", "bmp"], [GREY, COLOUR]), *product(["png", "tif"], [GREY.astype(np.uint16) * 257])],
 )
 def test_what_is_written_without_loss_is_read_back(tmp_path, suffix, image):
     assert np.array_equal(read_image(written(tmp_path / f"image.{suffix}", image)), image)
@@ -39,6 +43,7 @@ def test_what_is_no_image_has_a_reason(tmp_path):
     bad = {
         "empty.png": (b"", "is empty"), "text.png": (b"this is a text file", "cannot|no image"),
         "cut.png": (good[: len(good) // 2], "truncated"), "cut.jpg": (photo[: len(photo) // 2], "truncated"),
+        "cut.bmp": (written(tmp_path / "good.bmp", GREY).read_bytes()[:-100], "truncated"),
         "head.png": (good[:20], "read"), "float.tiff": (None, "float32"),
     }  # fmt: skip
     written(tmp_path / "float.tiff", GREY.astype(np.float32))

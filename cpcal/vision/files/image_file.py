@@ -1,4 +1,4 @@
-"""Images from files: PNG, JPEG and TIFF, 8 or 16 bits, grey or colour. What is none has a reason in words."""
+"""Images from files: PNG, JPEG, TIFF and BMP, 8 or 16 bits, grey or colour. What is none has a reason in words."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cpcal.common.errors import CpcalError
 from cpcal.common.files import small_file
 from cpcal.vision.opencv import Grey, opencv
 
-SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 PIXELS_MAX = 100_000_000  # of an image that is read at all
 BYTES_MAX = 400_000_000  # of a file, and of its pixels when it is decoded
 _ENDS = ((b"\x89PNG\r\n", b"IEND"), (b"\xff\xd8", b"\xff\xd9"))  # how PNG and JPEG begin and end
@@ -53,7 +53,8 @@ def read_image(path: Path, size: tuple[int, int] | None = None) -> Grey:
     if not content:
         raise UnreadableImageError("is empty")
     _check_header(content, size)
-    if any(content.startswith(begin) and end not in content[-_TAIL:] for begin, end in _ENDS):
+    cut = content[:2] == b"BM" and len(content) < int.from_bytes(content[2:6], "little")  # a BMP says how long it is
+    if cut or any(content.startswith(begin) and end not in content[-_TAIL:] for begin, end in _ENDS):
         # OpenCV fills up what is missing, and says nothing
         raise UnreadableImageError("is truncated: the end of the file is missing")
     try:
@@ -74,7 +75,7 @@ def _check_header(content: bytes, size: tuple[int, int] | None) -> None:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Pillow warns of large images, and of odd metadata
-            with Image.open(io.BytesIO(content), formats=("PNG", "JPEG", "TIFF")) as header:
+            with Image.open(io.BytesIO(content), formats=("PNG", "JPEG", "TIFF", "BMP")) as header:
                 (width, height), bands = header.size, len(header.getbands())
                 # of a pixel, at most: Pillow does not tell 16 bits of a colour from 8
                 deep = 4 if header.mode in ("I", "F") else 1 if header.format == "JPEG" else 2
