@@ -308,7 +308,7 @@ Image = StrPath | AnyArray
 
 
 def calibrate_from_images(images: Sequence[Image], target: Target) -> Calibration:
-    """The camera that took `images` of the target: files (PNG, JPEG, TIFF, BMP), or arrays as `observe_dots` takes them.
+    """The camera that took `images` of the target: files, as `read_image` takes them, or arrays as `observe_dots` does.
 
     See `calibrate_camera`. The result has a view for each image; one that cannot be used is left out, and its view says
     why.

@@ -30,7 +30,7 @@ COLOUR = np.dstack([GREY, GREY[::-1], GREY.T.reshape(48, 64)])
 
 
 @pytest.mark.parametrize(
-    "suffix, image",
+    ("suffix", "image"),
     [*product(["png", "tif", "tiff", "bmp"], [GREY, COLOUR]), *product(["png", "tif"], [GREY.astype(np.uint16) * 257])],
 )
 def test_what_is_written_without_loss_is_read_back(tmp_path, suffix, image):
