@@ -128,7 +128,6 @@ def test_a_template_that_is_not_filled_in_is_refused_line_by_line(tmp_path):
     assert "is there already" in refused("robot", "init", "my crane", "-o", file)
 
 
-# ------------------------------------------------------------------------------------------------------------------
 # The log of a tracker: metres, degrees, its own frame, a target anywhere on the platform, each pose read once.
 
 NAMES = ["No", "X [m]", "Y [m]", "Z [m]", *(f"R{axis} [deg]" for axis in "xyz"), *(f"L{i} [mm]" for i in range(1, 7))]
@@ -181,17 +180,15 @@ def test_frames_are_found_wherever_the_tracker_stands_in_spite_of_a_wrong_readin
 
 def test_a_log_goes_to_a_campaign_in_one_command(tmp_path):
     tracked(tmp_path / "log.csv", 1)
-    sigma = "position=0.02[mm], rotation=1e-4[rad], length=0.01[mm]"
+    stated_so = ("--rotation", "euler-xyz-deg", "--sigma", "position=0.02[mm], rotation=1e-4[rad], length=0.01[mm]")
     like = (tmp_path / "log.csv", "--robot", "deltalab", "-o", tmp_path / "c")
-    said = done("import", *like, "--rotation", "euler-xyz-deg", "--sigma", sigma)
+    said = done("import", *like, *stated_so)
     for text in ('x="X [m]"[m]', "Tracker in base: (", "Target in mobile: (", "kept in the campaign: 17/1."):
         assert text in said
     stated = {**STATED, "robot": "deltalab", "rotation": "euler-xyz-deg"}
     assert cpcal.load_campaign(tmp_path / "c") == cpcal.load_log(tmp_path / "log.csv", **stated)
     assert "leg 3 reads" in done("check", tmp_path / "c", status=1)
-    far = done(
-        "import", *like, "--rotation", "euler-xyz-deg", "--sigma", sigma, "--frames", "base", "--force", status=1
-    )
+    far = done("import", *like, *stated_so, "--frames", "base", "--force", status=1)
     assert "The drawing and the readings disagree" in far
 
 

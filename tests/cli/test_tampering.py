@@ -169,7 +169,6 @@ def test_what_is_missing_is_unusable_not_refused(run: Path, missing: str) -> Non
     done("verify", run, "--campaign", run / "absent", status=2)
 
 
-# ------------------------------------------------------------------------------------------------------------------
 # What a run states and no certificate holds: `verify` names it, and `export` does not write it.
 
 

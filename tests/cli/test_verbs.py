@@ -15,7 +15,6 @@ from cpcal.files import campaign_sha256, save_campaign
 from cpcal.simulate import simulate
 from tests.cli.command import done, refused, run
 
-# ------------------------------------------------------------------------------------------------------------------
 # `cpcal simulate`, `plugins` and `check`.
 
 COMMON = {"seed": 5, "runs": 2, "random_poses": 3, "noise": 0.5, "deviation": 0.5, "joint_error": 0.5}
@@ -81,7 +80,6 @@ def test_a_campaign_is_called_good_or_each_finding_is_a_line_and_status_1(tmp_pa
     refused("check", tmp_path / "none")
 
 
-# ------------------------------------------------------------------------------------------------------------------
 # `cpcal certify`.
 
 
@@ -150,7 +148,6 @@ def test_a_run_that_cannot_be_written_is_refused_at_once_or_its_answer_is_printe
     assert "No space left" in outcome.stderr
 
 
-# ------------------------------------------------------------------------------------------------------------------
 # How much a verb says: a short end, everything, nothing; and help that can be tried.
 
 

@@ -122,7 +122,6 @@ def test_a_folder_that_names_many_files_is_refused_before_they_are_read(tmp_path
             among.accepted(name)
 
 
-# ------------------------------------------------------------------------------------------------------------------
 # `cpcal certify --outliers`.
 
 

@@ -171,7 +171,6 @@ def pose_bounds(poses, sets):
     return cell_bounds(Cells.of_poses(poses), sets)[1]
 
 
-# ------------------------------------------------------------------------------------------------------------------
 # The search for the worst of a workspace brackets it, and says what it leaves out.
 
 

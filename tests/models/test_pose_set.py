@@ -20,6 +20,8 @@ from cpcal.vision.projection import predicted_centers
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
 ALL = np.arange(len(DELTALAB_TARGET.dots))
+_LENS = np.array([-0.33, 0.15, 1e-3, -1e-3, -0.03])
+WIDE = Camera(1024, 768, np.array([600.0, 601.0]), np.array([511.0, 380.0]), _LENS)
 NOMINAL = Pose(
     np.array([10.0, -5.0, 700.0]),
     normalised(quaternion_product(quaternion_from_rotation_vector([0.2, -0.1, 0.3]), [0.0, 1.0, 0.0, 0.0])),
@@ -172,11 +174,8 @@ def test_too_few_dots_for_so_many_outliers() -> None:
 @pytest.mark.parametrize("count", [3, 8])
 def test_few_dots_and_other_lenses(count: int) -> None:
     rng = np.random.default_rng(count)
-    wide = Camera(
-        1024, 768, np.array([600.0, 601.0]), np.array([511.0, 380.0]), np.array([-0.33, 0.15, 1e-3, -1e-3, -0.03])
-    )
     plain = Camera(1024, 768, np.array([900.0, 901.0]), np.array([511.0, 380.0]), np.zeros(5))
-    for camera in (DELTALAB_CAMERA, wide, plain):
+    for camera in (DELTALAB_CAMERA, WIDE, plain):
         more = rng.choice(np.arange(13, len(ALL)), max(count - 4, 0), replace=False)
         chosen = np.array([0, 6, 12, 7][:count] + more.tolist())
         pose = facing_poses(rng, 1).rows(0)
@@ -228,10 +227,7 @@ def exact(value: float) -> Bounds:
 
 def test_the_bias_holds_the_centroid_of_the_area() -> None:
     rng = np.random.default_rng(3)
-    wide = Camera(
-        1024, 768, np.array([600.0, 601.0]), np.array([511.0, 380.0]), np.array([-0.33, 0.15, 1e-3, -1e-3, -0.03])
-    )
-    for camera in (DELTALAB_CAMERA, wide):
+    for camera in (DELTALAB_CAMERA, WIDE):
         cameras = Cameras([F(v) for v in camera.numbers.tolist()], [()] * 9, F(6, 10))
         for _ in range(2):
             pose = facing_poses(rng, 1).rows(0)

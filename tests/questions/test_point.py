@@ -138,14 +138,12 @@ def test_a_folder_that_was_touched_is_refused(found, fits, folder, tmp_path, cha
         fits_of(run, found.campaign, [2, 5], checked_certificates(run))
 
 
-def test_a_point_of_another_model_or_of_some_measurements_is_no_fit(found, fits, folder, tmp_path):
-    run = tmp_path / "run"
-    shutil.copytree(folder, run)
+def test_a_point_of_another_model_is_no_fit(found, fits, folder, tmp_path):
     at = [*fits["x_c"][0].point, 0.0]
-    path = run / "x_c.leg2.cert.jsonl"
-    cpcal.certify_point(found.campaign, 2, at, model="gain", certificate=path)
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    cpcal.certify_point(found.campaign, 2, at, model="gain", certificate=tmp_path / "x_c.leg2.cert.jsonl")
     with pytest.raises(cpcal.InputError, match="is called so"):
-        fits_of(run, found.campaign, [2, 5], checked_certificates(run))
+        fits_of(tmp_path, found.campaign, [2, 5], checked_certificates(tmp_path))
 
 
 def test_another_campaign_is_refused(found, fits, folder, tmp_path):

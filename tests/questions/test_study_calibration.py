@@ -71,7 +71,6 @@ def test_one_gross_error_leaves_statistics_and_validation_alone(study: Study, fo
     assert errors[0] < 1.2 * errors[1]
 
 
-# ------------------------------------------------------------------------------------------------------------------
 # The frames that joint centres define.
 
 
@@ -89,7 +88,6 @@ def test_frames_are_known_as_well_as_is_said() -> None:
             assert np.abs(frame.position - ideal.position).max() < 5 * max(frame.sigma[:3])
 
 
-# ------------------------------------------------------------------------------------------------------------------
 # Errors that all images share: counted in full in reading sets and frames, however often a pose is repeated.
 
 SHARED = np.array([0.01, 0.02, 0.05, 2e-5, 3e-5, 1e-5])
@@ -145,7 +143,6 @@ def test_files_keep_it_and_refuse_half_of_it(shared: Study, tmp_path: Path) -> N
             load_study(tmp_path / "study")
 
 
-# ------------------------------------------------------------------------------------------------------------------
 # The uncertainty budget: what repeats cannot show is propagated, and simulated studies agree with it.
 
 
@@ -155,7 +152,6 @@ def test_senseless_inputs_are_refused(values: dict[str, float]) -> None:
         Inputs(**values)
 
 
-# ------------------------------------------------------------------------------------------------------------------
 # `calibration.json`: what calibrate_study found goes out and comes back; garbled files are refused.
 
 

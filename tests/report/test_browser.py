@@ -148,7 +148,6 @@ def test_a_page_fits_a_phone_and_no_text_overlaps_also_on_paper(seen, name, widt
         assert found == found | {"width": width, "scroll": width, "wide": [], "overlaps": [], "cut": []}
 
 
-# ------------------------------------------------------------------------------------------------------------------
 # The page that checks itself: opened as it is it turns green, with an edited number red.
 
 # The browser's clock runs ahead of the pages' workers, so each look first counts for a while; at most 600 looks.

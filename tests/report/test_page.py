@@ -165,10 +165,6 @@ def test_one_number_has_one_rounding(campaign):
         assert set(re.findall(r"\b0\.0890\d*", text)) == {"0.08901174", "0.08901176"}
 
 
-# ------------------------------------------------------------------------------------------------------------------
-# HTML by the letter: no parse error.
-
-
 def parse_errors(text):
     parser = Html5()
     parser.parse(text)
@@ -218,23 +214,6 @@ def test_the_command_repeats_the_run(few_poses, tmp_path, asked):
     assert dataclasses.replace(again, legs=()) == dataclasses.replace(result, legs=())
 
 
-CAMPAIGN = cpcal.simulate(seed=1, joint_error=1.0)
-
-
-def leg(number=1, eps_hi=0.2, **changes):
-    x = CAMPAIGN.robot.parameters[number - 1]
-    box = cpcal.Box(PARAMETERS, x - 0.5, x + 1.0)
-    return made_leg(number, 0.1, eps_hi, tuple(x), tuple(x + 0.1), box, 0.0, (), 1, 94, 0.25, **changes)
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Ticks are round numbers in the range, data land where they belong, words are no markup.
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# The tolerances of legs as bars: thin, unbounded and unproved ones.
-
-
 def marks(svg, variable):
     """Ticks, arrows and crosses (two lines each) of that colour."""
     paths = re.findall(rf'<path d="([^"Z]*)" style="fill: none; stroke: var\(--{variable}\)', svg)
@@ -250,20 +229,19 @@ def marks(svg, variable):
         (0.1, 2.0 * FARTHEST, 2, 0),
     ],
 )
-def test_a_bar_has_ticks_at_its_ends_an_arrow_to_what_is_too_far_and_a_cross_in_view(lo, hi, ticks_and_arrows, crosses):
+def test_a_bar_has_ticks_at_its_ends_an_arrow_to_what_is_too_far_and_a_cross_in_view(
+    campaign, lo, hi, ticks_and_arrows, crosses
+):
     point = None if hi == math.inf else (0.0,) * 7
-    svg = errors_svg(made_result(CAMPAIGN, leg(1, hi, eps_lo=lo, point=point)))
+    svg = errors_svg(result_of(campaign, leg_result(campaign, eps_lo=lo, eps_hi=hi, point=point)))
     assert "nan" not in svg.lower()
     ends = sum(marks(svg, kind) for kind in ("known", "open", "bad"))
     assert (ends, marks(svg, "support")) == (ticks_and_arrows, 2 * crosses)
 
 
-# ------------------------------------------------------------------------------------------------------------------
-# For notebooks and files.
-
-
-def test_a_figure_is_a_document_of_its_own_in_colours_that_a_viewer_knows():
-    svg = errors_svg(made_result(CAMPAIGN, leg(1), leg(2, math.inf, point=None), tolerance=0.3))
+def test_a_figure_is_a_document_of_its_own_in_colours_that_a_viewer_knows(campaign):
+    legs = leg_result(campaign), leg_result(campaign, 2, eps_hi=math.inf, point=None)
+    svg = errors_svg(result_of(campaign, *legs, tolerance=0.3))
     assert ">leg 2</text>" in svg
     assert "tolerance 0.3 mm" in svg
     text = svg._repr_svg_()

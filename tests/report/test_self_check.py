@@ -250,8 +250,7 @@ def test_words_that_no_certificate_speaks_of_are_not_judged_and_others_are(engin
         "pass": "a pass is not proved",
     }
     assert judged(engine, page, shown=[{**word, "text": text} for text in told])["faults"] == list(told.values())
-    script = (files("cpcal.report") / "browser" / "page.js").read_text()
-    assert "Not judged here: whether the measurements determine the parameters" in script
+    assert "Not judged here: whether the measurements determine the parameters" in source("page.js")
 
 
 def test_another_campaign_or_certificate_is_refused(engine, pages, runs):
@@ -271,12 +270,9 @@ def test_the_page_runs_its_own_script_only_and_is_the_same_each_time(runs, campa
     assert len(text) < 300_000
     page = Page(text)
     assert set(page.scripts) == {"proof-data", "proof-checker", None}
-    sources = {
-        name: (files("cpcal.report") / "browser" / name).read_text(encoding="utf-8")
-        for name in ("checker.js", "page.js")
-    }
-    assert (page.scripts["proof-checker"], page.scripts[None]) == (sources["checker.js"], sources["page.js"])
-    assert not any("</" in source or "<!--" in source for source in sources.values())
+    scripts = [source("checker.js"), source("page.js")]
+    assert [page.scripts["proof-checker"], page.scripts[None]] == scripts
+    assert not any("</" in script or "<!--" in script for script in scripts)
     digest = base64.b64encode(hashlib.sha256(page.scripts[None].encode()).digest()).decode()
     rules = dict(rule.split(" ", 1) for rule in page.policy.split("; "))
     assert rules == {

@@ -127,7 +127,6 @@ def test_a_camera_is_calibrated_from_a_board(text: str) -> None:
     assert found.standard_errors[0] < 8.0
 
 
-# ------------------------------------------------------------------------------------------------------------------
 # Eight photographs of an asymmetric circle grid on a wooden, scratched table, by a camera on a robot's hand.
 
 FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data" / "circle_grid"
