@@ -122,6 +122,14 @@ class AskedBox(Within):
 
     center: Annotated[PlacedFrames, _CENTER]
 
+    @property
+    def positions(self) -> Known:
+        """What is known, and the ends of all other positions."""
+        given, far = [name for name, *_ in self.known], self.reach * (1.0 - 1e-9)
+        places = (*self.center.camera_position, None, *self.center.target_position, None)
+        ends = ((name, at - far, at + far) for name, at in zip(GIVEN, places, strict=True) if at is not None)
+        return *self.known, *(end for end in ends if end[0] not in given)
+
 
 _POINT = checked("computed again from `lo`, `hi`, `point` and the certificate's `hand`, exactly")
 _ENDS = checked("computed again from `lo`, `hi` and `point`, exactly")
@@ -348,17 +356,21 @@ def certify_hand_eye(
         (nowhere, "point before the camera", f"is {at}", "give x, y, z in the camera frame, mm"),
         (not 0 <= outliers <= most, "outliers", f"is {outliers} of {len(every)} images", more),
     )
-    box = within or Within()
-    study = replace(study, known=box.known)
+    searched = within or Within()
+    study = replace(study, known=searched.known)
     left = trimmed_fit(study, outliers, np.random.default_rng(seed)) if outliers else []
     kept = [k for k in every if k not in left]
     part = study.part(np.array(kept)) if left else study
     classical = classical_answer(part)
     best = best_frames(part, classical)
-    asked = AskedBox(box.reach, box.angle, box.known, center=PlacedFrames.of(classical.frames))
+    asked = AskedBox(searched.reach, searched.angle, searched.known, center=PlacedFrames.of(classical.frames))
     point, angle = PlacedFrames.of(best.frames, study.given), None if asked.angle is None else F(asked.angle)
-    given = [(name, F(low), F(high)) for name, low, high in asked.known]
-    if not holds(point.numbers, asked.center.numbers, F(asked.reach), angle, given):
+    box = asked.center.numbers, F(asked.reach), angle, [(name, F(low), F(high)) for name, low, high in asked.known]
+    if not holds(point.numbers, *box):  # a direction that the motions hardly determine may lead out of it
+        near = replace(part, known=asked.positions)
+        best = best_frames(near, classical)
+        point = PlacedFrames.of(best.frames, near.given)
+    if not holds(point.numbers, *box):
         raise unusable("option --within", "leaves out the best frames found", "give a larger box")
     readings, own = (stated_readings(study, kept, of.readings) for of in (best, classical))
     groups = [list(every[k :: outliers + 1]) for k in range(outliers + 1)]

@@ -298,6 +298,14 @@ def test_a_tolerance_below_the_bracket_is_refuted(exact_run, tmp_path):
     assert [accepted for accepted, _ in statements_of(run.folder)] == [True] * 6
 
 
+def test_the_best_frames_stay_in_a_box_that_those_of_all_space_are_not_in(exact_run, tmp_path):
+    free, center = exact_run.result.point, exact_run.result.asked.center
+    reach = 0.5 * max(abs(a - b) for a, b in zip(free.camera_position, center.camera_position, strict=True))
+    run = certified(Run(tmp_path / "run", exact_run.study, None), within=Within(reach), time_limit=0.0)
+    assert all(accepted for accepted, _ in statements_of(run.folder))
+    assert run.result.eps_hi > exact_run.result.eps_hi
+
+
 def test_a_point_of_ones_own_is_asked_about_and_a_run_without_time_says_so(exact_run, tmp_path):
     run = certified(Run(tmp_path / "run", exact_run.study, None), within=NEAR, time_limit=0.0, at=(10.0, -20.0, 300.0))
     assert run.result.ranges.known.at == (10.0, -20.0, 300.0)
