@@ -68,6 +68,7 @@ from .rule import Box, Problem, meeting
 
 STUDY_FORMAT = "cpcal-study/1"
 # 12 images of any rotation take 12,000,000 units
+_WORK = 2 * WORK  # of a run: its units take half as long as those of legs
 _POINTS, _POINT_WORK, _MOST_POINTS = 10_000, 2_000, 20_000  # of a run: more for each point beyond so many
 _ERRORS_WORK = 2_000  # of a point: what its lens and its errors at two pairs of frames cost
 HAND_EYE_NAME, HAND_EYE_FORMAT = "handeye.json", "cpcal-handeye-result/8"
@@ -324,7 +325,7 @@ class _Run:
         with reading(STUDY_NAME):
             data = parsed(given, finite)
             points = len(array(data["points"]))
-            budget = Budget(work or WORK + _POINT_WORK * max(0, points - _POINTS))
+            budget = Budget(work or _WORK + _POINT_WORK * max(0, points - _POINTS))
             if points > _MOST_POINTS:
                 raise Refused(f"holds more than {_MOST_POINTS} points", "limit")
             budget.spend(_ERRORS_WORK * points)

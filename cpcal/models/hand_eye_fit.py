@@ -611,9 +611,26 @@ FEWEST = 4  # images of a group
 _TRIALS = 30  # of random images that the fit starts from
 
 
-def best_frames(study: HandEyeStudy, classical: ClassicalAnswer) -> ReadFrames:
-    """The frames of the least largest error near the classical answer, and the readings of uncertain poses."""
-    return minimax_fit(PixelModel(study), ReadFrames(classical.frames, classical.readings))[0]
+_STARTS, _SCATTER = 16, (0.3, 1.0)  # other places that the fit begins at; how far they are, in turn, of `reach`
+
+
+def best_frames(
+    study: HandEyeStudy, classical: ClassicalAnswer, random: np.random.Generator | None = None
+) -> ReadFrames:
+    """The frames of the least largest error that local fits find, and the readings of uncertain poses.
+
+    The first begins at the classical answer. Of exact poses others begin at `random` places around it: real data have
+    several minima, and at one that is not the least no bracket closes.
+    """
+    model, start = PixelModel(study), ReadFrames(classical.frames, classical.readings)
+    best, value = minimax_fit(model, start)
+    scattered = () if random is None or study.uncertain else random.normal(size=(_STARTS, model.size))
+    for k, away in enumerate(scattered):
+        at = model.moved(start, away * model.reach(start) * _SCATTER[k % len(_SCATTER)])
+        if np.isfinite(excess(model, at)):
+            found, lower = minimax_fit(model, at, restarts=0)
+            best, value = (found, lower) if lower < value else (best, value)
+    return minimax_fit(model, best)[0]
 
 
 def stated_readings(study: HandEyeStudy, kept: Sequence[int], values: Floats) -> tuple[tuple[float, ...], ...]:

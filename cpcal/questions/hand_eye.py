@@ -358,17 +358,18 @@ def certify_hand_eye(
     )
     searched = within or Within()
     study = replace(study, known=searched.known)
-    left = trimmed_fit(study, outliers, np.random.default_rng(seed)) if outliers else []
+    random = np.random.default_rng(seed)
+    left = trimmed_fit(study, outliers, random) if outliers else []
     kept = [k for k in every if k not in left]
     part = study.part(np.array(kept)) if left else study
     classical = classical_answer(part)
-    best = best_frames(part, classical)
+    best = best_frames(part, classical, random)
     asked = AskedBox(searched.reach, searched.angle, searched.known, center=PlacedFrames.of(classical.frames))
     point, angle = PlacedFrames.of(best.frames, study.given), None if asked.angle is None else F(asked.angle)
     box = asked.center.numbers, F(asked.reach), angle, [(name, F(low), F(high)) for name, low, high in asked.known]
     if not holds(point.numbers, *box):  # a direction that the motions hardly determine may lead out of it
         near = replace(part, known=asked.positions)
-        best = best_frames(near, classical)
+        best = best_frames(near, classical, random)
         point = PlacedFrames.of(best.frames, near.given)
     if not holds(point.numbers, *box):
         raise unusable("option --within", "leaves out the best frames found", "give a larger box")
