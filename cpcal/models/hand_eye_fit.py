@@ -629,8 +629,9 @@ def best_frames(
         at = model.moved(start, away * model.reach(start) * _SCATTER[k % len(_SCATTER)])
         if np.isfinite(excess(model, at)):
             found, lower = minimax_fit(model, at, restarts=0)
-            best, value = (found, lower) if lower < value else (best, value)
-    return minimax_fit(model, best)[0]
+            if lower < value:
+                best, value = minimax_fit(model, found)
+    return best
 
 
 def stated_readings(study: HandEyeStudy, kept: Sequence[int], values: Floats) -> tuple[tuple[float, ...], ...]:

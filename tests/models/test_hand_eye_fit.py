@@ -14,6 +14,7 @@ from cpcal.models.hand_eye import SimulatedHandEye, load_hand_eye, save_hand_eye
 from cpcal.models.hand_eye_fit import (
     PixelModel,
     ReadFrames,
+    best_frames,
     classical_answer,
     estimated_half_widths,
     excess,
@@ -87,6 +88,16 @@ def test_known_positions_and_tilts_are_heeded_by_both_fits_and_nothing_near_is_b
     assert excess(model, fits[1]) <= excess(model, fits[0])
     contradicted = any("contradict the given values" in said for said in answer.remarks)
     assert contradicted == (off == 20.0) or off == 0.3
+
+
+def test_the_best_frames_are_found_from_a_start_whose_own_fit_ends_in_another_minimum():
+    study = simulate_hand_eye(images=6, seed=3).study
+    answer, model = classical_answer(study), PixelModel(study)
+    near, least = minimax_fit(model, ReadFrames(answer.frames, answer.readings))
+    away = np.random.default_rng(6).normal(size=model.size) * model.reach(near)
+    far = answer._replace(frames=model.moved(near, away).frames)
+    assert excess(model, best_frames(study, far)) > 100.0 * least  # the minimum that this start lies by
+    assert excess(model, best_frames(study, far, np.random.default_rng(0))) == pytest.approx(least, rel=1e-9)
 
 
 def test_a_hand_that_does_not_turn_is_refused():
