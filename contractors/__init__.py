@@ -5,7 +5,6 @@ from contractors.krawczyk import Beaumont, Krawczyk
 from contractors.lifted import Lifted
 from contractors.newton import Newton
 from contractors.qinter import QInter, qinter
-from contractors.regression import Regression
 from contractors.shaving import Cid
 
-__all__ = ["HC4", "Beaumont", "Cid", "Krawczyk", "Lifted", "Newton", "QInter", "Regression", "qinter"]
+__all__ = ["HC4", "Beaumont", "Cid", "Krawczyk", "Lifted", "Newton", "QInter", "qinter"]

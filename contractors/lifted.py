@@ -172,13 +172,15 @@ def _original(origin: Indices, network: ConstraintNetwork, keep: list[Indices]) 
 
 
 class LiftedPrograms(Programs):
-    """The linear programs of a relaxation. What they prove says the contractor `name`."""
+    """The linear programs of a relaxation."""
 
-    def __init__(self, name: str, structure: Structure, relaxation: Relaxation, box: Box) -> None:
+    name = "lifted"
+
+    def __init__(self, structure: Structure, relaxation: Relaxation, box: Box) -> None:
         places = {column: k for k, column in enumerate(relaxation.columns.tolist())}
         columns = {variable: places[k] for variable, k in structure.positions.items() if k in places}
         super().__init__(box, columns, len(relaxation.columns))
-        self.name, self.structure, self.relaxation = name, structure, relaxation
+        self.structure, self.relaxation = structure, relaxation
         r = relaxation
         self.engine = Dense(r.matrix, r.rhs, r.bounds.lo, r.bounds.hi, len(r.products))
 
@@ -278,4 +280,4 @@ class Lifted(Composable):
         structure = self._structures.on(box, deadline)
         if not structure.positions:
             return None
-        return LiftedPrograms("lifted", structure, Relaxation(structure, box), box)
+        return LiftedPrograms(structure, Relaxation(structure, box), box)

@@ -318,13 +318,12 @@ def programmed(
     dividing: Bools,
     linear: Bools,
     box: Arrays,
-    whole: bool,
 ) -> tuple[Indices, Indices, Indices, Indices, Floats, Floats]:
     """The linear program of rows (M, K) with right sides, and of products (P, M) with theirs, `beside`, in a `box`.
 
     It gives the columns, those that divide (a row of `dividing` each) a monomial with a coefficient or a linear one;
-    the products that lie in them; the rows that some point may violate, or with `whole` all; the exponents of these;
-    and an array (columns, products + rows) with its right sides.
+    the products that lie in them; the rows that some point may violate; the exponents of these; and an array (columns,
+    products + rows) with its right sides.
     """
     exponents, highest = scaled(rows, rhs)
     has_column = np.zeros(highest.size, np.bool_)
@@ -333,9 +332,6 @@ def programmed(
             for divisor in range(highest.size):
                 has_column[divisor] |= dividing[m, divisor]
     matters = reach(rows, rhs, has_column, box[0], box[1])
-    if whole:
-        for k in range(matters.size):
-            matters[k] = np.isfinite(rhs[k]) and np.isfinite(rows[:, k]).all()
     inside = np.ones(len(products), np.bool_)
     for k in range(len(products)):
         for m in range(highest.size):
@@ -430,10 +426,10 @@ class Relaxation:
     """The rows of a `Structure` on one bounded box: `matrix @ w <= rhs` for some of the monomials w of u in [-1, 1]^n.
 
     `columns` are those monomials, in `bounds`; the first rows are the bound products `products`, the others the rows
-    `kept` of the system, times 2^-exponent, but for those that no point of the box violates (with `whole`: all).
+    `kept` of the system, times 2^-exponent, but for those that no point of the box violates.
     """
 
-    def __init__(self, structure: Structure, box: Box, *, whole: bool = False) -> None:
+    def __init__(self, structure: Structure, box: Box) -> None:
         self.center, self.radius = box.mid, box.rad
         with np.errstate(all="ignore"):
             rows, widening = structure.rows.on(self.center, self.radius)
@@ -445,7 +441,7 @@ class Relaxation:
             rhs = widening - rows[0] + 4.0 * _UNIT * (np.abs(widening) + np.abs(rows[0]))
         products, bounds = structure.products, structure.bounds
         given = rows[1:], rhs, products.matrix, products.rhs, structure.dividing, structure.linear
-        found = programmed(*given, (bounds.lo, bounds.hi), whole)
+        found = programmed(*given, (bounds.lo, bounds.hi))
         self.columns, self.products, self.kept, self.exponents, matrix, self.rhs = found
         self.matrix, self.bounds = matrix.T, bounds[self.columns]
 

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contractors import Lifted, Regression
+from contractors import Lifted
 from contractors.lifted import Directions, over_box
 from contractors.relaxation import CentredRows, Relaxation, Shift, Structure, column_bounds, product_rows
 from cpcal.models import fit_model, leg_box, leg_network, model_residuals
-from cpcal.simulate import simulate, true_robot
+from cpcal.simulate import simulate
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.linear import Dense, LinearSolution, LinearStatus
 from cpcal.solver.network import ConstraintNetwork, PolynomialForms, norm, sqrt
@@ -246,25 +246,3 @@ def test_rows_with_too_many_products_are_left_over_and_named() -> None:
     system = PolynomialForms(net).on()
     assert {constraint for constraint, _ in system.leftover} == {0, 2}
     assert set(system.origin[:, 0].tolist()) == {1}
-
-
-@pytest.mark.parametrize("factor", [0.0, 3.0])
-def test_it_takes_a_leg_from_100_mm_to_what_the_tolerances_say_and_keeps_the_truth(factor: float) -> None:
-    campaign = simulate(seed=5, joint_error=0.0, noise=min(factor, 1.0), truncate=3.0, factor=factor)
-    x = true_robot(campaign).parameters[0]
-    net = leg_network(campaign, 1, leg_box(x + 30.0, 100.0), eps=(0.0, 0.01))
-    left = Regression(net, objective="eps").contract(net.domain)
-    assert (left.box.width[:7] < 0.65 * 200.0).all()
-    assert np.append(x, 0.01) in left.box
-    assert left.programs == 0
-
-
-@pytest.mark.parametrize("reach", [9.0, 1000.0])
-def test_tolerances_that_contradict_the_box_leave_nothing(reach: float) -> None:
-    """By least squares x[0] is about 33.3, and x[1] about 5."""
-    net, x = network(2, x=((-reach, -reach), (reach, reach)))
-    sides = np.array([60.0, 0.0, 70.0])
-    net.add((np.array([1.0, 1.0, 1.0]) * x[0] + np.array([1.0, 2.0, 3.0]) * x[1] - sides).within((-0.1, 0.1)))
-    result = Regression(net).contract(net.domain)
-    assert result.steps[0].bound == pytest.approx(33.1, abs=1e-6)
-    assert result.box.is_empty == (reach < 33.0)
