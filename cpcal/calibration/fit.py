@@ -1,8 +1,6 @@
 """The noise of calibration equations, their least-squares fits x_c, x_c_sigma, and errors of validation poses: no
 proofs."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -64,7 +62,7 @@ class Noise:
         )
 
     @classmethod
-    def from_sigmas(cls, position: ArrayLike, rotation: ArrayLike, length: ArrayLike, *, count: int) -> Noise:
+    def from_sigmas(cls, position: ArrayLike, rotation: ArrayLike, length: ArrayLike, *, count: int) -> "Noise":
         """Uncorrelated readings: standard deviations of position (mm) and rotation (rad) (3,) or (N, 3), and of
         the leg readings (mm) (n,) or (N, n), for `count` measurements."""
         rows = [np.atleast_1d(floats(values)) for values in (position, rotation, length)]
@@ -76,7 +74,7 @@ class Noise:
         return cls(pose[:, :, None] ** 2 * np.eye(pose.shape[1]), length)
 
     @classmethod
-    def of(cls, campaign: Campaign, factor: float | None = None) -> Noise:
+    def of(cls, campaign: Campaign, factor: float | None = None) -> "Noise":
         """From a campaign's half-widths, row by row: sigma = half-width / factor.
 
         `factor` is what the campaign declares when not given. InputError when it declares none: half-widths alone do

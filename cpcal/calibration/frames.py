@@ -4,8 +4,6 @@ A closed form begins (`calibrate_frames`); least squares on the legs' lengths en
 All of this is ordinary estimation: nothing here is proved.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator, Sequence

@@ -6,8 +6,6 @@ each mean. What all readings of a configuration have in common (a bias, a backla
 in the mean and cannot be seen here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
 from typing import Literal, NamedTuple

@@ -3,8 +3,6 @@
 Exit status: 0 proved, 1 refused, 2 nothing to check, 3 an error of the checker.
 """
 
-from __future__ import annotations
-
 import argparse
 import gc
 import importlib.util

@@ -3,8 +3,6 @@
 docs/certificate-format.md is the specification; Refused says what is wrong, and in which line.
 """
 
-from __future__ import annotations
-
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Sequence

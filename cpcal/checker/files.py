@@ -1,7 +1,5 @@
 """Files to check: regular ones, JSON in them, and a certificate's lines with the work that its check may cost."""
 
-from __future__ import annotations
-
 import json
 import stat
 from collections.abc import Callable, Hashable, Iterator

@@ -8,8 +8,6 @@ within eps gives, times the depth, `+-(f (x_a) - (u_a - c_a) x_3) - (eps + half-
 is multiplied by the square of its pose's quaternion, whose rotation is a rational matrix only divided by that.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F

@@ -5,8 +5,6 @@ single images allow, what links them, or the pixels of all images. It begins wit
 the certificate that it names ended, and may use the poses that those of images claim.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from fractions import Fraction as F
 from hashlib import sha256

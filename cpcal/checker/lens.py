@@ -4,8 +4,6 @@ is from the image of its centre.
 docs/certificate-format.md, "Pose sets", has the formulas and why they hold.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F

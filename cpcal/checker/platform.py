@@ -17,8 +17,6 @@ share of y_j, not of (p, s). Some of (p, s) may be *held* at 0 by the robot's me
 planar robot of three legs moves in its plane.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F

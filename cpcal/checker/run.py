@@ -1,7 +1,5 @@
 """Checks a run: every number that its result.json states is claimed by an accepted certificate, or not certified."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction as F
@@ -27,7 +25,7 @@ class LegChecked:
 
     leg: int
     proofs: tuple[tuple[str, Accepted], ...] = ()  # certificates: of the bracket, the ranges, points
-    robust: RobustChecked | None = None  # with outliers, in place of bracket and ranges
+    robust: "RobustChecked | None" = None  # with outliers, in place of bracket and ranges
     refused: str | None = None
 
 
@@ -91,7 +89,7 @@ def of_the_campaign(stated: Json, campaign: ExactCampaign) -> Stated:
     yield "name of the robot", stated["robot"], campaign.robot
 
 
-def certificates_of(folder: Path, *, work: int = 0) -> LegCertificates:
+def certificates_of(folder: Path, *, work: int = 0) -> "LegCertificates":
     """Those of a folder without result.json, about one campaign or about constraints that they state themselves.
 
     They share one budget, as the legs of a run do. Raises Refused for a campaign.json that is none.

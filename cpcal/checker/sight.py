@@ -7,8 +7,6 @@ F = v + J (X / Z - x0) + k . t + e, |e| <= E, a box of pixels gives, times the d
 `J (X, Y) + (v - J x0 - hi - E) Z + k . t Z <= 0`: degree two, and t, |t| <= 1, is shared by all dots.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Sequence

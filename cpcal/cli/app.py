@@ -1,7 +1,5 @@
 """The table of verbs, --version, and how errors leave the program: one message on stderr and an exit status."""
 
-from __future__ import annotations
-
 import ast
 import contextlib
 import errno

@@ -1,7 +1,5 @@
 """What an accepted certificate proves, in sentences: every number is rounded to the side that stays proved."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from fractions import Fraction as F
 

@@ -1,7 +1,5 @@
 """`cpcal image`: a target and a camera, images to poses, and boxes of poses that are proved."""
 
-from __future__ import annotations
-
 from base64 import b64encode
 from collections.abc import Iterator, Sequence
 from functools import partial

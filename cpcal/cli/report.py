@@ -1,7 +1,5 @@
 """`cpcal report`, `export`, `accuracy`: a run that is checked again becomes a page, parameters, or bounds of poses."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """`cpcal solve`: all solutions of a written problem, or its best value, proved. `cpcal plugins`: what is installed."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`cpcal calibrate`: the classical calibration of a study. `cpcal demo`: the paper's whole study, simulated."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from functools import partial

@@ -1,7 +1,5 @@
 """`cpcal verify`: runs and certificates checked again, in exact arithmetic and without a solver."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor

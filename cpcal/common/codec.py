@@ -10,8 +10,6 @@ A field of a file that `cpcal verify` reads says in its type how it is checked: 
 proofs stands there too where these are missing: a number beside them, and without them, is refused.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import types

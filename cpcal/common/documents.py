@@ -4,8 +4,6 @@ Every file from outside goes through here, so that none can hang the program, fi
 expects: pipes and devices are refused before they are read, sizes and nesting are bounded.
 """
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import io

@@ -4,8 +4,6 @@ A draft stands beside the file that it becomes. Its name cannot be guessed and i
 planted under that name is harmless.
 """
 
-from __future__ import annotations
-
 import errno
 import importlib
 import os

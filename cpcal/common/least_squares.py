@@ -8,8 +8,6 @@ so that time grows with the number of blocks and no faster. With s the shared st
     [ B  C  ] [o] = [c]         o_v = C_v^-1 (c_v - B_v s)
 """
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -4,8 +4,6 @@ Bounds: `bracket_text`, `rounded_down`, `rounded_up`, `at_least`, `at_most`, `ga
 the user stated is repeated by `stated`. Estimates, of which nothing is proved: `nearest`, `about`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from decimal import MIN_EMIN, ROUND_DOWN, Context, Decimal

@@ -9,8 +9,6 @@ Arrays and mappings also stay read-only when a value is copied or unpickled, so 
 digest) stays true of it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import fields
 from functools import partial

@@ -9,8 +9,6 @@ A separator is one of , ; tab and blanks; a decimal sign is a point or a comma. 
 most cells are numbers.
 """
 
-from __future__ import annotations
-
 import csv
 import itertools
 import re

@@ -4,8 +4,6 @@ A folder of answers has a head, such as result.json, which is put in place last 
 folder is unfinished. Files that cpcal did not write are never touched.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

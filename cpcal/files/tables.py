@@ -1,7 +1,5 @@
 """Tables of measurements, readings and poses: every bad cell with its line number, in bounded memory and time."""
 
-from __future__ import annotations
-
 import codecs
 import csv
 import hashlib

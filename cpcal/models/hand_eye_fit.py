@@ -5,8 +5,6 @@ pixels alone gives way to every robot error, for the pixels are finer. All of th
 proved.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -259,7 +257,7 @@ class ClassicalAnswer(NamedTuple):
     covariance: Floats
     rms: float
     remarks: tuple[str, ...]
-    alone: ImagePoses
+    alone: "ImagePoses"
 
 
 def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:

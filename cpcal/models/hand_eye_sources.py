@@ -1,7 +1,5 @@
 """Hand-eye studies from what people have: photographs of a target, pairs of poses, a parallel robot's own study."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -13,8 +13,6 @@ w and C join the leg's network as unknowns with equations of their own; a contra
 the bounds, each from the multipliers of a linear program.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fractions import Fraction as F

@@ -16,8 +16,6 @@ The rows of a dot are the checker's (`cpcal.checker.sight`). Some dots bound the
 then from there: about the rotation found, and with the bias of images' centres bounded over the poses that are left.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 import time
@@ -90,7 +88,7 @@ class PixelBoxes:
     @classmethod
     def around(
         cls, numbers: ArrayLike, centers: ArrayLike, half_width: ArrayLike, *, of_images: bool = False
-    ) -> PixelBoxes:
+    ) -> "PixelBoxes":
         """`center +- half_width`, pixels: centers (m, 2), half_width a number, (2,), (m, 1) or (m, 2), >= 0."""
         middle = np.asarray(centers, np.float64)
         try:
@@ -130,7 +128,7 @@ class CameraSet(Value):
             raise unusable("camera spread", "allows a focal length of zero", "give a narrower set")
 
     @classmethod
-    def ellipsoid(cls, camera: Camera, covariance: Floats, factor: float) -> CameraSet:
+    def ellipsoid(cls, camera: Camera, covariance: Floats, factor: float) -> "CameraSet":
         """All numbers whose Mahalanobis distance from the camera's is at most `factor`: (9, 9) covariance.
 
         A factor of 5 holds the truth of a calibration with honest covariance in 99.7 % of all cases (chi-square, nine

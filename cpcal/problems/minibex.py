@@ -13,8 +13,6 @@ block       = "for" name "=" expression ":" expression ";" block { ";" block } [
 expression  = sums of products of powers: + -, then * /, then ^ (which binds a minus sign to what follows)
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -95,7 +93,7 @@ class SyntaxNode(NamedTuple):
 
     kind: str
     token: Token
-    parts: tuple[SyntaxNode, ...] = ()
+    parts: tuple["SyntaxNode", ...] = ()
     from_zero: bool = False
 
 

@@ -3,8 +3,6 @@
 D. M. Gay, Writing .nl files (Sandia report SAND2005-7907P); segments are told by their first letter.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from fractions import Fraction

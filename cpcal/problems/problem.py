@@ -1,7 +1,5 @@
 """Problems in files, and their answers: read a file, solve or minimise, write JSON or AMPL's .sol."""
 
-from __future__ import annotations
-
 import json
 import math
 import time

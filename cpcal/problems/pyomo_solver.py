@@ -8,8 +8,6 @@ is the writer's k-th. `results.objective_bound` and `incumbent_objective` are pr
 without an objective all solutions are found, each a member of `results.solution_loader`'s pool.
 """
 
-from __future__ import annotations
-
 import datetime
 import io
 import math

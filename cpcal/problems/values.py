@@ -4,8 +4,6 @@ A scalar is a Fraction (exact), an Interval (it encloses one number), a `Data` o
 objects; a column vector has one axis, a row vector two, as in Minibex: (1, n).
 """
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Callable
 from dataclasses import dataclass

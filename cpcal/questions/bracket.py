@@ -1,7 +1,5 @@
 """Brackets of one leg's eps: by branch and bound, or by the paper's timeout method, with certificates."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -73,7 +71,7 @@ class PreparedLeg(NamedTuple):
         lo, hi = self.domain["eps"].lo, self.domain["eps"].hi
         return self.domain.replace("eps", lo=eps, hi=eps) if lo <= eps <= hi else Box.empty(self.domain.names)
 
-    def alone(self, only: Places) -> PreparedLeg:
+    def alone(self, only: Places) -> "PreparedLeg":
         """The same for some measurements, without a certificate."""
         network = of_measurements(self.problem.network, only)
         named = plugins.build_each(network, self.question.options.contractors, objective="eps")

@@ -1,7 +1,5 @@
 """One leg: its bracket, few measurements that prove it, ranges of its parameters; with outliers."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
 from dataclasses import replace

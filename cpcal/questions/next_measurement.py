@@ -4,8 +4,6 @@ First-order estimates in floating point, not proofs. The candidates are chosen o
 helps most beside those that were chosen before.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -58,7 +56,7 @@ class Polytope:
     offset: Floats
 
     @staticmethod
-    def about(campaign: Campaign, one: CertifiedSet) -> Polytope:
+    def about(campaign: Campaign, one: CertifiedSet) -> "Polytope":
         """A leg's parameters about the controller's, by the measurements that the set holds."""
         model = ModelResiduals(campaign, one.leg, PLAIN)
         to_x, offset = one.basis * np.maximum(one.along.rad, 1e-12), one.basis @ one.along.mid
@@ -82,7 +80,7 @@ class Polytope:
                     ends[which, k] = objective @ found.point
         return 0.5 * (ends[0] + ends[1]) + forms @ self.offset, 0.5 * np.abs(ends[1] - ends[0])
 
-    def measured(self, forms: Floats, slack: Floats, own: Floats | None = None) -> Polytope:
+    def measured(self, forms: Floats, slack: Floats, own: Floats | None = None) -> "Polytope":
         """With measurements more, which read what the best parameters have them; `own` (m, p): how they change with
         numbers of their own, each from -1 to 1."""
         more = np.zeros((len(forms), 0)) if own is None else own

@@ -1,7 +1,5 @@
 """What is asked of every leg alike: checked once, and then only handed down."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence

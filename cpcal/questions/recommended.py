@@ -7,8 +7,6 @@ among x with E(x) <= T. Both are found in floating point, about one point after 
 point that was found. Where no point meets T, or none is given, the point is least squares without weights.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import cached_property

@@ -6,8 +6,6 @@ The result's campaigns are in the frames of camera and target, with the drawing'
 was measured stays as the camera gave it, and so does the shape of its reading set.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import dataclass, replace
@@ -236,7 +234,7 @@ class Parameters:
             raise ValueError("a fit is not finite")
 
     @classmethod
-    def of(cls, fit: Fit, drawing: Robot) -> Parameters:
+    def of(cls, fit: Fit, drawing: Robot) -> "Parameters":
         return cls(
             values=_rows(fit.parameters),
             standard_errors=_rows(fit.standard_errors),

@@ -1,7 +1,5 @@
 """The page of an accuracy certificate."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from pathlib import Path

@@ -4,8 +4,6 @@ A `Plot` is a figure with one frame; it maps data to points and draws axes, line
 user's is markup: what is written is escaped. What is drawn is plain floating point.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence

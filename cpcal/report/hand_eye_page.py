@@ -1,7 +1,5 @@
 """The page of a hand-eye run, and its sentences."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from pathlib import Path

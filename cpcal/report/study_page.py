@@ -1,7 +1,5 @@
 """The page of a whole study: the paper's tables and figures in its numbering, then the legs as in any other page."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple

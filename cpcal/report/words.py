@@ -1,7 +1,5 @@
 """What a result says, in sentences, and what to do about a leg. The quantifier is part of every answer."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 
@@ -105,7 +103,7 @@ def thresholds(result: Result, leg: LegResult) -> Words:
     )
 
 
-def leg_lines(result: Result, leg: LegResult, found: Advice) -> Words:
+def leg_lines(result: Result, leg: LegResult, found: "Advice") -> Words:
     """A leg on the first screen: one line where it passes, else the culprit and the next step, and a second line."""
     reduced, left_out = leg.reduced, leg.bracket.left_out
     plain = result.options.tolerance is None and verdict_of(result, leg).kind in ("bounded", "explained")

@@ -4,8 +4,6 @@ A robot's 7 n parameters are only used as arrays, so every function works for th
 calibrated one and for a simulated true one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -139,11 +137,11 @@ class Pose(ByValue):
         """(..., 3, 3)."""
         return rotation_matrix(self.quaternion)
 
-    def rows(self, chosen: Any) -> Pose:
+    def rows(self, chosen: Any) -> "Pose":
         """Some of many poses."""
         return Pose(self.position[chosen], self.quaternion[chosen])
 
-    def moved(self, step: Floats) -> Pose:
+    def moved(self, step: Floats) -> "Pose":
         """Moved by step[..., :3] mm, and turned by the rotation vector step[..., 3:] rad in the base frame."""
         turn = quaternion_from_rotation_vector(step[..., 3:])
         return Pose(self.position + step[..., :3], normalised(quaternion_product(turn, self.quaternion)))

@@ -5,8 +5,6 @@ the drawing: what it leaves, and how far it goes. The best one is named where it
 second one that is as good is named too, and of more none. A name is a likely cause; nothing of it is proved.
 """
 
-from __future__ import annotations
-
 import itertools
 import warnings
 from collections.abc import Callable, Iterator, Sequence

@@ -1,7 +1,5 @@
 """Units that data come in, by their usual abbreviations, and their size in mm and rad, which cpcal computes in."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import re
@@ -64,7 +62,7 @@ class RotationForm:
     length: str = ""
 
     @classmethod
-    def named(cls, name: str) -> RotationForm:
+    def named(cls, name: str) -> "RotationForm":
         """The form of that name. Raises InputError, which lists the forms."""
         if name in CONTROLLERS:
             form, length = CONTROLLERS[name]

@@ -17,8 +17,6 @@ With NUMBA_DISABLE_JIT=1 nothing is compiled. Where numba is missing, or no fold
 slower, and says so once.
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 import os

@@ -1,7 +1,5 @@
 """Linear programs: one polyhedron, many objectives. The simplex method proposes; rigorous arithmetic disposes."""
 
-from __future__ import annotations
-
 import math
 import time
 from abc import ABC, abstractmethod

@@ -1,7 +1,5 @@
 """Importing this makes numba ready for its first function, which takes half a second: once for all workers."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 
 with suppress(ImportError, AttributeError):  # where numba is missing, or has another inside: the first call does it

@@ -10,8 +10,6 @@ Each check builds the contractor, by a factory as the entry point names it, on a
 it on random boxes. A failure is an AssertionError that says which promise was broken, where.
 """
 
-from __future__ import annotations
-
 import itertools
 import pickle
 from collections.abc import Callable, Iterator

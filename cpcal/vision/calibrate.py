@@ -4,8 +4,6 @@ Bundle adjustment of one camera, one target and the poses of all views, so that 
 squares in blocks, each view's pose eliminated.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -49,7 +47,7 @@ class State:
     camera: Camera
     poses: Pose
 
-    def moved(self, step: Floats) -> State | None:
+    def moved(self, step: Floats) -> "State | None":
         """By a step (9 + 6 v,); None where that makes no camera."""
         try:
             camera = self.camera.with_numbers(self.camera.numbers + step[:9])
@@ -89,7 +87,7 @@ class CameraFit:
         off = np.where(self.used[..., None], self.residuals(state), 0.0)
         return (self.factor @ off[..., None])[..., 0]
 
-    def without(self, views: Bools, dots: Bools) -> CameraFit:
+    def without(self, views: Bools, dots: Bools) -> "CameraFit":
         """Without these views (v,) and dots (v, n), and then without views of too few dots."""
         factor = np.where(dots[..., None, None], 0.0, self.factor)
         keep = ~views & (factor.any(axis=(2, 3)).sum(axis=1) >= DOTS_MIN)

@@ -1,7 +1,5 @@
 """The camera: a pinhole and a lens."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -197,7 +195,7 @@ class Camera(Value):
         x, y = (np.linspace(-0.5, side - 0.5, _GRID) for side in (self.width, self.height))
         return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
-    def with_numbers(self, numbers: Floats) -> Camera:
+    def with_numbers(self, numbers: Floats) -> "Camera":
         """The same image size and model, other numbers. Raises InputError when they make no camera."""
         return Camera(self.width, self.height, numbers[:2], numbers[2:4], numbers[4:], self.model)
 

@@ -23,8 +23,6 @@ five tests:
 A target that is its own image when it is turned is identified only with a hint (`turned`).
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

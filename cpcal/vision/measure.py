@@ -1,7 +1,5 @@
 """The whole chain for one image: dots, identification, pose; or the reason why there is no pose."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The one door to OpenCV, an optional extra."""
 
-from __future__ import annotations
-
 from types import ModuleType
 from typing import Any
 

@@ -5,8 +5,6 @@ A plane has two poses that look nearly the same, one with its depth turned over 
 answer is a refusal.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -182,7 +180,7 @@ class Pixels:
         centers = centers_by_pose(self.dots, self.radius, self.camera.packed, pose)[0]
         return np.asarray(np.linalg.solve(self.factors, (self.seen - centers)[..., None])[..., 0])
 
-    def only(self, used: Bools) -> Pixels:
+    def only(self, used: Bools) -> "Pixels":
         """Of some (n,) of the dots."""
         return Pixels(self.dots[used], self.seen[used], self.factors[used], self.radius, self.camera)
 

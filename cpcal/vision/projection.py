@@ -1,7 +1,5 @@
 """Where dots are seen, with derivatives; plane homographies; small closed forms for the hundred dots of an image."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

@@ -6,8 +6,6 @@ contour is taken exactly; the lines lie at Gauss-Legendre nodes between the cont
 to 2e-4 pixels. The optics' blur is a Gaussian on fine pixels; an image's pixel is the mean of its fine ones.
 """
 
-from __future__ import annotations
-
 import textwrap
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The target: round dots, or the points of a printed board, with places in mm; a short text names the usual boards."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass, replace
 
@@ -138,7 +136,7 @@ class Board:
     dictionary: str
 
     @classmethod
-    def parsed(cls, text: str) -> Board:
+    def parsed(cls, text: str) -> "Board":
         """Raises InputError."""
         kind, _, rest = text.partition(":")
         try:

@@ -6,8 +6,6 @@ each v with a bound of its error. With unit roundoff u the product of two such n
 covered by a factor.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from fractions import Fraction as F

@@ -7,8 +7,6 @@ It is JSON Lines, compressed. Where it cannot be written the work goes on.
 {"lines": n, "sha256": "..."}                     how many lines stand before this one, and their digest
 """
 
-from __future__ import annotations
-
 import gzip
 import hashlib
 import json

@@ -4,8 +4,6 @@ Dask goes through the same door: a `distributed.Client` lends an executor. Tasks
 their arguments pure values, so that both travel.
 """
 
-from __future__ import annotations
-
 import atexit
 import hashlib
 import logging
@@ -164,7 +162,7 @@ class Processes(Executor):
         if worker is not None:
             self._end(worker)
 
-    def _end(self, worker: _Worker) -> None:
+    def _end(self, worker: "_Worker") -> None:
         self._workers.remove(worker)
         worker.end()
 

@@ -5,8 +5,6 @@ So a signal only leaves a note here, and work looks at it between its steps: `as
 and so does the note. A second signal does what the first would have done without us.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -15,8 +15,6 @@ The computation itself comes last, in compiled functions. Bounds are the last ax
 `jacobian` (m, n, 2), and so on.
 """
 
-from __future__ import annotations
-
 import math
 from functools import cached_property
 
@@ -60,7 +58,7 @@ class Equalities:
         self.reads = bool(self.tape.readings)
 
     @classmethod
-    def of(cls, network: ConstraintNetwork) -> Equalities:
+    def of(cls, network: ConstraintNetwork) -> "Equalities":
         """Those of a network, written once."""
         return network.once("equalities", lambda: cls(network))
 
@@ -80,7 +78,7 @@ class Equalities:
         return None if found < 0 else IntervalArray(out[:, 0].copy(), out[:, 1].copy())
 
     @cached_property
-    def program(self) -> Equations:
+    def program(self) -> "Equations":
         """The tape as the compiled functions take it."""
         leaves = self.tape.leaves()
         return self.tape.program, self.tape.reach, (leaves.lo, leaves.hi)

@@ -1,7 +1,5 @@
 """Existence and uniqueness by strict inclusion: a box that holds exactly one solution of a network."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Iterable, Sequence
@@ -173,7 +171,7 @@ class UniquenessProver:
         width = self._domain.width
         self._least = np.where(np.isfinite(width), _LEAST * width, 0.0) * self._free
 
-    def among(self, point: Floats, unknowns: Indices) -> UniquenessProver:
+    def among(self, point: Floats, unknowns: Indices) -> "UniquenessProver":
         """The prover for the same equations in some of the unknowns; the others stay at the point's values (n,)."""
         other = copy(self)
         lo, hi = point.copy(), point.copy()

@@ -5,8 +5,6 @@ continuous; `first_argument` and `second_argument` undo it, and `partials` are i
 functions on pairs of bounds.
 """
 
-from __future__ import annotations
-
 import math
 
 from cpcal.solver.compiled import compiled

@@ -5,8 +5,6 @@ plus everything of second order (an interval), entry j the derivative with respe
 reading `delta_j` in [-1, 1]. Without readings the shape is (1, *S).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

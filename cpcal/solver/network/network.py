@@ -6,8 +6,6 @@ element of every constraint is defined and holds; elements of arrays that no con
 number in it.)
 """
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 import math

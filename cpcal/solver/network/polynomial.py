@@ -4,8 +4,6 @@ A monomial is the sorted tuple of the flat indices of its factors: () is 1, (0, 
 elements of an array share their monomials, which is what makes N measurements cheap.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections import Counter

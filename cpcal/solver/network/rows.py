@@ -1,7 +1,5 @@
 """The constraints as rows `r(x, m) <= 0`, evaluated at a point, with derivatives. Nothing here is a proof."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple

@@ -3,8 +3,6 @@
 Slots of one box are a pair of arrays of all lower and all upper bounds.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple, TypeAlias
 

@@ -4,8 +4,6 @@ Bounds of all slots, for B boxes, are an `IntervalArray` of shape (B, M): first 
 constants, then readings, then the operations. The sweeps over it are `sweeps`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from functools import cached_property

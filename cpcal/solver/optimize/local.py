@@ -5,8 +5,6 @@ that suit it best. For `|g_k(x)| <= eps` this is Chebyshev approximation: the op
 programs, each about the point before, converge quadratically.
 """
 
-from __future__ import annotations
-
 import time
 import warnings
 from collections.abc import Iterator
@@ -320,7 +318,7 @@ class Incumbent:
         """What decisions depend on."""
         return Known(self.witness, self.calls)
 
-    def at(self, state: Known) -> Incumbent:
+    def at(self, state: Known) -> "Incumbent":
         """Another one of the same problem, in that state."""
         other = copy(self)
         other.witness, other.calls = state.witness, state.calls

@@ -6,8 +6,6 @@ ask for a point within `delay` seconds at eps     infeasible: eps_lo = eps, go u
                                                               double the delay and go back to the average
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Generator
 from typing import NamedTuple

@@ -6,8 +6,6 @@ weights shrink both: what they propose on the node's box is proved again before 
 alone. As soon as weights have proved all that was found, the two boxes are one, and so is the work.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy

@@ -5,8 +5,6 @@ has decided less than half of what the first has sits out a round, then two, fou
 give up after so many rounds. All of it is counted in nodes, so that a race has one course.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial

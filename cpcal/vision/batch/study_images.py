@@ -1,7 +1,5 @@
 """The images that a study's camera would have taken, and the way back: from detections to the study's tables."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -66,7 +64,7 @@ class RenderedImages:
     seed: int
 
     @classmethod
-    def of(cls, table: PoseTable, target: Target, camera: Camera, scene: Scene, *, seed: int) -> RenderedImages:
+    def of(cls, table: PoseTable, target: Target, camera: Camera, scene: Scene, *, seed: int) -> "RenderedImages":
         """Of a table with images whose poses are exact (`simulate_study(pose_noise=0, images=...)`); an eleventh image
         of a run is the mean of its ten, as in the paper (section 2.3.2)."""
         rows = zip(table.pose, table.run, table.image or (), strict=True)

@@ -5,8 +5,6 @@ the image of the dot's centre, which the pose step accounts for. Dots are told f
 ellipse explains their grey levels), their size and their contrast, both compared with those of the others.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace

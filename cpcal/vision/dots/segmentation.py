@@ -4,8 +4,6 @@ A first pass over the image at half its size, with a neighbourhood as wide as th
 are and whether they are bright; the second uses a neighbourhood made for them, so that uneven light matters little.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -187,7 +185,7 @@ class Spots:
         """(n,) of the circle of the same area, pixels."""
         return 2.0 * (self.spread[:, 0, 0] * self.spread[:, 1, 1] - self.spread[:, 0, 1] ** 2) ** 0.25
 
-    def kept(self, keep: AnyArray) -> Spots:
+    def kept(self, keep: AnyArray) -> "Spots":
         return Spots(self.center[keep], self.spread[keep], self.bright)
 
 

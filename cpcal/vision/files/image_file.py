@@ -1,7 +1,5 @@
 """Images from files: PNG, JPEG, TIFF and BMP, 8 or 16 bits, grey or colour. What is none has a reason in words."""
 
-from __future__ import annotations
-
 import io
 import os
 import re

@@ -1,8 +1,6 @@
 """target.toml and camera.toml (docs/images.md), read with every problem and its line, written as canonical bytes; and
 cameras as OpenCV and ROS write them in YAML."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace

@@ -3,8 +3,6 @@
 Printers scale pages unless told not to: a bar of 100 mm stands below the dots to be measured.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterable
 from pathlib import Path
