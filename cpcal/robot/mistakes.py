@@ -22,6 +22,7 @@ from cpcal.robot.kinematics import (
     Pose,
     central_pose,
     compose,
+    cross_matrix,
     forward_poses,
     inverse,
     inverse_kinematics,
@@ -62,7 +63,7 @@ def other_poses(given: Given) -> Variants:
 
 def other_axes(given: Given) -> Variants:
     """Axes that are exchanged or point the other way: for positions alone, and for both frames."""
-    place, rotation = given.pose.position, given.pose.rotation
+    place, quaternion = given.pose.position, given.pose.quaternion
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1.0, -1.0), repeat=3):
             turn = np.zeros((3, 3))
@@ -71,10 +72,12 @@ def other_axes(given: Given) -> Variants:
                 continue
             moved = place @ turn.T
             axes = ", ".join(f"{'-' * (sign < 0)}{'xyz'[axis]}" for axis, sign in zip(order, signs, strict=True))
-            yield f"the columns x, y, z of positions are to be ({axes})", given.posed(moved, given.pose.quaternion)
-            kind = "left-handed" if np.linalg.det(turn) < 0 else "of other axes"
+            yield f"the columns x, y, z of positions are to be ({axes})", given.posed(moved, quaternion)
+            side = np.linalg.det(turn)
+            kind = "left-handed" if side < 0 else "of other axes"
             name = f"the poses' frames are {kind}: the drawing's (x, y, z) are their ({axes})"
-            yield name, given.posed(moved, quaternion_from_matrix(turn @ rotation @ turn.T))
+            turned = np.concatenate([quaternion[:, :1], side * quaternion[:, 1:] @ turn.T], axis=1)
+            yield name, given.posed(moved, turned)
 
 
 def other_frames(given: Given) -> Variants:
@@ -281,6 +284,7 @@ def units(given: Given) -> Variants:
         yield f"the drawing is in {name}, not mm", given.drawn(factor * given.robot.parameters)
 
 
+_TURNS = (other_angles, radians_as_degrees, degrees_as_radians)  # they change rotations alone
 # Each with how many numbers it fits, of the whole campaign, and of each row's angles that vary.
 MISTAKES: tuple[tuple[Callable[[Given], Variants], int, int], ...] = (
     (units, 0, 0),  # it may come together with another
@@ -387,9 +391,8 @@ def _motions(drawing: Floats) -> Floats:
     found = np.zeros((count, legs, 7, 12 + legs))
     for start, column in ((0, 0), (3, 6)):
         arm = drawing[..., start : start + 3] - drawing[..., start : start + 3].mean(axis=1, keepdims=True)
-        for axis, unit in enumerate(np.eye(3)):
-            found[..., start + axis, column + axis] = 1.0
-            found[..., start : start + 3, column + 3 + axis] = np.cross(unit, arm)
+        found[..., start : start + 3, column : column + 3] = np.eye(3)
+        found[..., start : start + 3, column + 3 : column + 6] = -cross_matrix(arm)
     found[:, range(legs), 6, range(12, 12 + legs)] = 1.0
     return found
 
@@ -451,10 +454,14 @@ def likely_causes(given: Given, *, doubted: bool = True) -> list[Cause]:
     with np.errstate(all="ignore"):
         if not doubted and few.share(_MOST) <= SHARE:
             return _best(_options(few, []))
+        seen, none = scored([few], _STEPS[1]), tuple[object, ...]()
+        if seen.share[0] <= SHARE:  # moves of both frames are as good as a tracker's there
+            none = (other_frames,) if _turns_explain(few, seen) else (other_frames, *_TURNS)
         turning = int(np.ptp(few.pose.quaternion[:, 1:], axis=0).astype(bool).sum())  # angles that vary
         tried = [
             (name, without, numbers + each * turning * len(few.length))
             for undone, numbers, each in MISTAKES
+            if undone not in none
             for name, without in undone(given if undone is shifted_rows else few)
         ]
         options = _options(few, tried)
@@ -472,18 +479,42 @@ def likely_causes(given: Given, *, doubted: bool = True) -> list[Cause]:
         return found
 
 
+def _turns_explain(few: Given, seen: Scores) -> bool:
+    """Whether fits leave much less where each row may turn as it likes: else no mistake about rotations explains.
+
+    To first order, from the fit of what is given, with its weights; where the drawing is roughly right.
+    """
+    fit = few.drawn(seen.fitted[0])
+    residual = fit.nominal - fit.robot.offset - few.length
+    rows = pose_jacobian(fit.robot, few.pose)
+    along, weight = rows[..., :3], 1.0 / np.hypot(1.0, residual / (_TAIL * seen.left[0]))
+    turns = weight[..., None] * rows[..., 3:]
+    across = (np.eye(few.robot.legs) - turns @ np.linalg.pinv(turns)) * weight[:, None]
+    drawing = np.concatenate([-along, along @ few.pose.rotation, np.full((*residual.shape, 1), -1.0)], axis=2)
+    matrix = np.einsum("kij,kjp->kijp", across, drawing).reshape(*residual.shape, -1)
+    left = across @ residual[..., None]
+    inner = matrix.swapaxes(1, 2)
+    left -= matrix @ np.linalg.lstsq((inner @ matrix).sum(axis=0), (inner @ left).sum(axis=0))[0]
+    return bool(np.median(np.abs(left)) < _BETTER * np.median(np.abs(residual)))
+
+
 Tried = list[tuple[str, Given, int]]  # names, what would be given, how many numbers were fitted
 # -2 log likelihood, name, and what fits leave, the drawing's distance, and its share
 Option = tuple[float, str, Floats]
 
 
 def _options(few: Given, tried: Tried) -> list[Option]:
-    """What is given, and the likeliest of what is tried; these with moved frames and other offsets too."""
-    tried = [(name, _evenly(without, len(few.length)), numbers) for name, without, numbers in tried]
+    """What is given, and the likeliest of what is tried; these with moved frames and other offsets too.
+
+    Where the drawing is roughly right, a mistake is none that is roughly less likely than what is given.
+    """
+    tried = [("", few, 0), *((name, _evenly(without, len(few.length)), numbers) for name, without, numbers in tried)]
     parts = [tried[k : k + _CHUNK] for k in range(0, len(tried), _CHUNK)]
-    rough = [v for part in parts for v in scored([_evenly(g, _ROWS[0]) for _, g, _ in part], _STEPS[0]).value.tolist()]
-    rough = [value + _NUMBER * numbers for value, (_, _, numbers) in zip(rough, tried, strict=True)]
-    first = [("", few, 0), *(tried[k] for k in _ascending(rough)[:_KEPT])]
+    scores = [scored([_evenly(without, _ROWS[0]) for _, without, _ in part], _STEPS[0]) for part in parts]
+    values = [value for found in scores for value in found.value.tolist()]
+    rough = [value + _NUMBER * numbers for value, (_, _, numbers) in zip(values, tried, strict=True)]
+    most = rough[0] if scores[0].share[0] <= SHARE else np.inf
+    first = [tried[0], *[tried[k] for k in _ascending(rough) if rough[k] < most][:_KEPT]]
     options: list[Option] = []
     for words, moves in ((_offsets_said, None), *_moves(few.robot.legs)):
         chosen = first if moves is None else first[: 1 + _MOVED]
