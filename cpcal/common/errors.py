@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
@@ -142,16 +143,22 @@ class Problems:
             near = difflib.get_close_matches(name[:100], list(known), n=1)
         self.wrong(where, what, f"did you mean {near[0]!r}?" if near else otherwise, line)
 
-    def of(self, load: Callable[[], T]) -> T | None:
-        """What a function returns; None, with its problems added, where it raises InputError."""
+    @contextmanager
+    def kept(self) -> Iterator[None]:
+        """An InputError in the block ends the block alone, and its problems are added."""
         try:
-            return load()
+            yield
         except InputError as error:
             for problem in error.problems:
                 if problem not in self.listed:
                     self.add(problem)
             self.omitted += error.omitted
-            return None
+
+    def of(self, load: Callable[[], T]) -> T | None:
+        """What a function returns; None, with its problems added, where it raises InputError."""
+        with self.kept():
+            return load()
+        return None
 
     def raise_any(self, see: str = "") -> None:
         """Raise one InputError with all problems, if there are any; `see`: the page that explains the input."""

@@ -16,7 +16,7 @@ import numpy as np
 from cpcal.calibration import fit, mean_rotations
 from cpcal.checker.platform import COORDINATES, MOST_LEGS, Commanded, Leg, pose_bounds, stated
 from cpcal.common.codec import Document, Informed, checked
-from cpcal.common.errors import InputError, Problem, unusable
+from cpcal.common.errors import Problem, Problems, unusable
 from cpcal.common.files import StrPath
 from cpcal.common.numbers import about, bracket_text
 from cpcal.common.values import Floats, Indices, Names, Numbers, Places
@@ -229,8 +229,7 @@ def certify_accuracy(
     """
     began, say = time.monotonic(), tell or (lambda _: None)
     held = held_coordinates(campaign)
-    if problems := list(_problems(campaign, result, poses, assume, held)):
-        raise InputError(problems)
+    Problems(_problems(campaign, result, poses, assume, held)).raise_any()
     known = np.array([leg.recommended.point for leg in result.legs])
     robot, proposal = Robot.from_parameters("controller", known), ""
     if poses is None and workspace is None:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from cpcal.checker import Accepted
-from cpcal.common.errors import InputError, refuse, together, unusable
+from cpcal.common.errors import Problems, refuse, unusable
 from cpcal.common.files import StrPath
 from cpcal.common.values import ArrayLike, Names, Numbers
 from cpcal.files import campaign_sha256
@@ -64,14 +63,15 @@ def certify_point(
     """
     x = np.asarray(point, np.float64)
     legs = f"choose from 1 to {campaign.legs}"
-    corrected, _ = together(
-        partial(chosen_model, campaign, model),
-        partial(
-            refuse,
+    problems = Problems()
+    with problems.kept():
+        corrected = chosen_model(campaign, model)
+    with problems.kept():
+        refuse(
             (not 1 <= leg <= campaign.legs, "leg", f"there is no leg {leg}", legs),
             (not 0.0 <= eps < np.inf, "eps", f"{eps} is no tolerance", "give a number of mm, 0 or more"),
-        ),
-    )
+        )
+    problems.raise_any()
     names = corrected.parameters
     misfit, what = x.shape != (len(names),) or not np.isfinite(x).all(), f"{len(names)} finite numbers"
     custom = certificate is not None and not built_in(corrected)
@@ -79,8 +79,7 @@ def certify_point(
         (misfit, "point", f"a point of the {corrected.name} model is {what}", f"give {', '.join(names)}"),
         (custom, "certificate", f"{corrected.name!r}, a user-defined model, has none", "leave it out"),
     )
-    if wrong := beyond_legs(campaign, leg, float(x[6]), eps, "eps"):
-        raise InputError(wrong)
+    Problems(beyond_legs(campaign, leg, float(x[6]), eps, "eps")).raise_any()
     box = leg_box(x, 0.0, corrected).with_bounds(x, x)
     proved = verify_point(leg_network(campaign, leg, box, eps=(eps, eps), model=corrected), np.append(x, eps))
     good, bad = (np.flatnonzero(rows).tolist() for rows in (proved.holds, proved.fails))

@@ -4,13 +4,12 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from cpcal.common.codec import encoded
-from cpcal.common.errors import InputError, refuse, together
+from cpcal.common.errors import InputError, Problems, refuse
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
@@ -20,7 +19,6 @@ from cpcal.models import (
     beyond_legs,
     built_in,
     fit_model,
-    half_width_problems,
     leg_box,
     leg_model,
     leg_network,
@@ -93,25 +91,18 @@ def question_of(campaign: Campaign, *, progress: Progress | None = None, **given
     Raises InputError with every problem at once; PluginError for a contractor that is not there.
     """
     wanted, wrong = given.get("model"), given.get("outliers", 0)
-    below = f"give a whole number below {len(campaign)}, such as 1"
-    numbers = [leg for leg in given.get("legs") or () if isinstance(leg, int)]  # what is no number the options refuse
-    model, _, options = together(
-        partial(chosen_model, campaign, wanted, given.get("half_widths")),
-        partial(
-            refuse,
-            *(
-                (not 1 <= leg <= campaign.legs, "legs", f"there is no leg {leg}", f"choose from 1 to {campaign.legs}")
-                for leg in numbers
-            ),
-            (
-                isinstance(wrong, int) and wrong >= len(campaign),
-                "outliers",
-                f"{wrong} is no number of measurements that may be wrong",
-                below,
-            ),
-        ),
-        partial(Options, **given | {"model": wanted.name if isinstance(wanted, LegModel) else wanted}),
-    )
+    problems = Problems()
+    with problems.kept():
+        model = chosen_model(campaign, wanted, given.get("half_widths"))
+    for leg in given.get("legs") or ():
+        if isinstance(leg, int) and not 1 <= leg <= campaign.legs:  # what is no number the options refuse
+            problems.wrong("legs", f"there is no leg {leg}", f"choose from 1 to {campaign.legs}")
+    if isinstance(wrong, int) and wrong >= len(campaign):
+        what, below = f"{wrong} is no number of measurements that may be wrong", f"below {len(campaign)}, such as 1"
+        problems.wrong("outliers", what, f"give a whole number {below}")
+    with problems.kept():
+        options = Options(**given | {"model": wanted.name if isinstance(wanted, LegModel) else wanted})
+    problems.raise_any()
     plugins.check_names(options.contractors)
     question = Question(campaign=campaign, options=options, model=model, progress=progress)
     asked = {what: error for what in ("eps", "tolerance") if (error := getattr(options, what)) is not None}
@@ -139,10 +130,7 @@ def chosen_model(
         model = PLAIN.name if asked is None else asked.name
     found = leg_model(model)
     stated = asked.half_widths if asked is not None and asked.name == found.name else {}
-    widths = {**stated, **(half_widths or {})}
-    if problems := half_width_problems(found, widths):
-        raise InputError(problems)
-    return found.within(widths)
+    return found.within({**stated, **(half_widths or {})})
 
 
 def comparison(
@@ -157,9 +145,9 @@ def comparison(
     names = [model if isinstance(model, str) else model.name for model in models]
     widths, given = half_widths or {}, {"center": center, "support": "none"} | given
     listed, centers = ", ".join(names), " or ".join(_CENTERS)
-    _, *questions = together(
-        partial(
-            refuse,
+    problems, questions = Problems(), []
+    with problems.kept():
+        refuse(
             (not names, "models", "none is named", f"name some, such as {', '.join(COMPARED)}"),
             (len(set(names)) < len(names), "models", "one is named twice", "name each once"),
             *(
@@ -167,10 +155,9 @@ def comparison(
                 for name in widths
             ),
             (center not in _CENTERS, "center", f"{center!r} is not common to all models", f"use {centers}"),
-        ),
-        *(
-            partial(question_of, campaign, model=model, half_widths=widths.get(name, {}), **given)
-            for name, model in zip(names, models, strict=True)
-        ),
-    )
+        )
+    for name, model in zip(names, models, strict=True):
+        with problems.kept():
+            questions.append(question_of(campaign, model=model, half_widths=widths.get(name, {}), **given))
+    problems.raise_any()
     return questions
