@@ -315,6 +315,18 @@ def check_hand_eye(folder: Path, *, work: int = 0) -> list[tuple[bool, str]]:
     return found
 
 
+def run_budget(points: int, work: int = 0) -> Budget:
+    """What the check of a run of so many points may cost, less what these do. Raises Refused where there are too many.
+
+    `work`: all that it may cost, where that is stated.
+    """
+    if points > _MOST_POINTS:
+        raise Refused(f"holds more than {_MOST_POINTS} points", "limit")
+    budget = Budget(work or _WORK + _POINT_WORK * max(0, points - _POINTS))
+    budget.spend(_ERRORS_WORK * points)
+    return budget
+
+
 class _Run:
     """A study, a box, and what is stated of the images that are not left out, from certificates or at given frames."""
 
@@ -322,12 +334,9 @@ class _Run:
         given = content(folder / STUDY_NAME)
         with reading(STUDY_NAME):
             data = parsed(given, finite)
-            points = len(array(data["points"]))
-            budget = Budget(work or _WORK + _POINT_WORK * max(0, points - _POINTS))
-            if points > _MOST_POINTS:
-                raise Refused(f"holds more than {_MOST_POINTS} points", "limit")
-            budget.spend(_ERRORS_WORK * points)
-            self.study = _study(data)
+            budget = run_budget(len(array(data["points"])), work)
+            self.study, lens = _study(data), data["camera"]["model"]
+            self.lens = "" if lens == "brown" else f"; undistorted pixels of the lens {shown(lens)} are taken as stated"
         self.certificates = HandEyeCertificates(folder, self.study, sha256(given).hexdigest(), budget)
         self.result = parsed(content(folder / HAND_EYE_NAME), finite)
         with reading(HAND_EYE_NAME):
@@ -419,7 +428,7 @@ class _Run:
         without = f", without {', '.join(result['left_out'])}" if len(kept) < len(study.images) else ""
         ends = (f"{name} from {float(low)!r} to {float(high)!r} {unit(name)}" for name, low, high in known)
         given = f"; given, not proved: {', '.join(ends)}" if known else ""
-        return f"box: {turned}, positions within {reach} mm of its centre{without}{given}"
+        return f"box: {turned}, positions within {reach} mm of its centre{without}{given}{self.lens}"
 
     def ranges(self) -> str:
         ranges, eps = self.result["ranges"], self.tolerance()

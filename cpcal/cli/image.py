@@ -55,6 +55,7 @@ from cpcal.vision.files.plate_and_camera import (
     target_bytes,
 )
 from cpcal.vision.files.target_print import on_paper, print_target
+from cpcal.vision.measure import DEVIATION
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Scene
 from cpcal.vision.target import DELTALAB_TARGET, TEXTS, Target
@@ -322,6 +323,7 @@ def numbers(rows: Sequence[Detection]) -> Iterator[Section]:
 # `cpcal image sets`: from images to boxes of poses that are proved, with certificates.
 
 _TOLD = 5  # images by name
+_OFF = "0.05; of a printed board's corners 5 stated deviations"
 
 
 def sets(
@@ -329,7 +331,9 @@ def sets(
     folder: Path = output("DIR", "Folder for certificates; replaced."),
     target: Path = TARGET_FILE,
     camera: Path = CAMERA_FILE,
-    half_width: float = option(0.05, "How far the centre of a dot's image is off, at most.", "PX", min=0.0),
+    half_width: float | None = option(
+        None, "How far the centre of a dot's image, or a corner, is off, at most.", "PX", min=0.0, show_default=_OFF
+    ),
     factor: float = option(
         5.0,
         "The camera is within so many standard deviations: the ellipsoid of its file's covariance. 5 holds 99.7 % "
@@ -360,6 +364,7 @@ def sets(
         partial(_names, images), partial(load_target, target), partial(load_camera, camera), partial(hinted, first_row)
     )
     plates, cameras = _stated(plate, lens, None if plate_exact else dots, factor, plate_exact, camera_exact)
+    off = 5.0 * DEVIATION.get(plate.board.partition(":")[0], 0.01) if half_width is None else half_width
     stems: dict[str, str] = {}
     for name in names:
         if (other := stems.setdefault(stem_of(name), name)) != name:
@@ -370,7 +375,7 @@ def sets(
     sources |= {target.name: target.read_bytes()} if target.is_file() else {"target.toml": target_bytes(plate)}
     rows = []
     with heard(terminate=True), answers_into(folder, POSE_SETS) as draft, counted("images", talk.console()) as progress:
-        work = Enclosing(source, plates, cameras, half_width, outliers, draft, sources, turn)
+        work = Enclosing(source, plates, cameras, off, outliers, draft, sources, turn)
         for some in in_parallel(work, names, workers):
             rows += some
             progress(len(rows), len(names))

@@ -18,12 +18,14 @@ from cpcal.checker.hand_eye import (
     BEYOND,
     HAND_EYE_FORMAT,
     HAND_EYE_NAME,
+    HandEyeCertificates,
     errors,
     known_point,
     parameter_ranges,
+    run_budget,
 )
 from cpcal.checker.polynomial import applied, plus
-from cpcal.checker.readers import up
+from cpcal.checker.readers import Refused, up
 from cpcal.common.codec import Document, Informed, checked
 from cpcal.common.errors import InputError, refuse, unusable
 from cpcal.common.numbers import at_least, at_most
@@ -314,6 +316,7 @@ _SHARES = (0.0, 1e-4, 1e-2, 0.1)  # below eps_hi: tolerances that are tried for 
 _NEAR = (0.0, 1e-6, 1e-4, 1e-2)  # the same below the least error of a single image
 _BETWEEN = (0.95, 0.7, 0.4)  # of the way from there to eps_hi: what all images may refute
 _GROUP_SHARES = (0.999, 0.97, 0.9, 0.7)  # of the least error of the groups: what is tried to prove
+_NEAR_LIMIT = 60  # units of work a byte of certificates, twice what most take (12 to 25 were seen)
 
 _Refuted = list[tuple[RefutedGroup, Proof]]
 
@@ -443,7 +446,7 @@ def certify_hand_eye(
         gap=gap,
         rms=classical.rms,
         sigma=tuple(np.sqrt(np.diagonal(classical.covariance)).tolist()),
-        remarks=classical.remarks,
+        remarks=(*classical.remarks, *([] if certificates is None else _refusal(prover, certificates))),
         programs=sum(proof.programs for proof in proofs),
         timed=any(proof.timed for proof in proofs),
         seconds=time.monotonic() - began,
@@ -497,6 +500,20 @@ def _refuted(
             return None
         found.append((RefutedGroup(images, proof.certificate or ""), proof))
     return found
+
+
+def _refusal(prover: Prover, folder: Path) -> list[str]:
+    """In a sentence, why `cpcal verify` will refuse the certificates; they are checked only where it may."""
+    files = [*folder.glob("*.cert.jsonl")]
+    try:
+        budget = run_budget(len(prover.exact.image))
+        if _NEAR_LIMIT * sum(file.stat().st_size for file in files) > budget.left:
+            checked = HandEyeCertificates(folder, prover.exact, prover.digest, budget)
+            for file in files:
+                checked.accepted(file.name)
+    except Refused as refused:
+        return [f"`cpcal verify` will refuse this run: {refused.reason}."]
+    return []
 
 
 def _ranges(wide: Proof, point: PlacedFrames, hand: Sequence[F], at: Sequence[float] | None) -> FrameRanges:

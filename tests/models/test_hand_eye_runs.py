@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from fractions import Fraction as F
 from pathlib import Path
@@ -20,7 +21,7 @@ from typer.testing import CliRunner
 
 import cpcal.checker
 from cpcal.checker.frames import E_, R_X, T_X
-from cpcal.checker.hand_eye import errors, known_point, parameter_ranges
+from cpcal.checker.hand_eye import check_hand_eye, errors, known_point, parameter_ranges
 from cpcal.checker.readers import Refused, dyadic
 from cpcal.cli import app
 from cpcal.common.errors import InputError
@@ -451,6 +452,17 @@ def test_an_undistorted_pixel_that_the_lens_moves_elsewhere_is_refused(exact_run
     (tmp_path / "run" / "study.json").write_text(json.dumps(data))
     with pytest.raises(Refused, match=r"study\.json holds an undistorted pixel that is another one"):
         statements_of(tmp_path / "run")
+
+
+def test_undistorted_pixels_of_a_lens_that_the_checker_does_not_know_are_computed_again(exact_run, tmp_path):
+    shutil.copytree(exact_run.folder, tmp_path / "run")
+    data = json.loads((tmp_path / "run" / "study.json").read_text())
+    for k1 in (0.0, 1e-6):
+        data["camera"] |= {"model": "rational", "distortion": [k1, *[0.0] * 7]}
+        (tmp_path / "run" / "study.json").write_text(json.dumps(data))
+        assert "of the lens 'rational' are taken as stated" in check_hand_eye(tmp_path / "run")[0][1]
+        with nullcontext() if k1 == 0.0 else pytest.raises(InputError, match="undistorted pixels of the rational"):
+            verify_center(tmp_path / "run")
 
 
 def lines_changed(change):

@@ -3,6 +3,7 @@
 import shutil
 from collections.abc import Callable
 from fractions import Fraction as F
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,15 @@ import pytest
 from typer.testing import CliRunner
 
 import cpcal
-from cpcal.checker import Accepted, check, check_run
+from cpcal.checker import Accepted, check, check_run, hand_eye
 from cpcal.checker.files import WORK, Budget
+from cpcal.checker.hand_eye import HandEyeCertificates, check_hand_eye, run_budget
 from cpcal.cli import app
 from cpcal.files import load_campaign_json
+from cpcal.models.frames import exact_study
+from cpcal.models.hand_eye import simulate_hand_eye, study_json
 from cpcal.questions import Uncertified, save_result
+from cpcal.questions.hand_eye import Within, certify_hand_eye, save_hand_eye_result
 from cpcal.solver.certificate import recording
 
 SMALL: dict[str, Any] = {"seed": 1, "extremal": False, "random_poses": 16}
@@ -174,3 +179,26 @@ def test_a_robust_bound_without_one_of_its_proofs_is_not_certified(campaign, tmp
     assert leg.refused is None
     assert leg.robust is None
     assert not list(tmp_path.glob("*.cert.jsonl"))
+
+
+def test_a_hand_eye_run_that_verify_would_refuse_for_its_work_says_so_down_to_the_last_unit(tmp_path, monkeypatch):
+    study, box = simulate_hand_eye(images=4, corners=(3, 3), pitch=80.0, seed=5).study, Within(50.0, 1.5)
+
+    def certified(work):
+        monkeypatch.setattr(hand_eye, "_WORK", work)
+        folder = tmp_path / str(work)
+        folder.mkdir()
+        (folder / "study.json").write_bytes(study_json(study))
+        result = certify_hand_eye(study, within=box, certificates=folder, time_limit=0.0)
+        save_hand_eye_result(result, folder)
+        refused = any("`cpcal verify` will refuse this run" in remark for remark in result.remarks)
+        return folder, refused, all(accepted for accepted, _ in check_hand_eye(folder))
+
+    budget, (folder, *answers) = run_budget(len(study.image)), certified(10**8)
+    assert answers == [False, True]
+    checked = HandEyeCertificates(folder, exact_study(study), sha256(study_json(study)).hexdigest(), budget)
+    for path in folder.glob("*.cert.jsonl"):
+        checked.accepted(path.name)
+    spent = budget.most - budget.left
+    assert certified(spent)[1:] == (False, True)
+    assert certified(spent - 1)[1:] == (True, False)
