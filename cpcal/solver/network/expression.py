@@ -92,10 +92,12 @@ _LEVELS = 64  # levels of a deep expression that pickle may follow by recursion
 _LARGEST_POWER = 2**31  # of a whole exponent
 
 
-def _named(op: str, meaning: str = "") -> Callable[[Operand], Expr]:
+def _named(op: str, meaning: str = "", of: Callable[[Expr], Expr] | None = None) -> Callable[[Operand], Expr]:
+    """A function of one expression: an operation, or what is made `of` others."""
+
     def function(x: Operand) -> Expr:
         arg = as_expr(x)
-        return Expr(op, (arg,), arg.shape)
+        return Expr(op, (arg,), arg.shape) if of is None else of(arg)
 
     function.__name__ = function.__qualname__ = op
     function.__doc__ = meaning
@@ -474,47 +476,21 @@ cos = _named("cos", "Cosine of an angle in radians.")
 tan = _named("tan", "Tangent of an angle in radians, defined between its poles.")
 asin = _named("asin", "Angle in [-pi/2, pi/2] of a sine, defined on [-1, 1].")
 atan = _named("atan", "Angle in (-pi/2, pi/2) of a tangent.")
-
-
-def acos(x: Operand) -> Expr:
-    """Angle in [0, pi] of a cosine, defined on [-1, 1]."""
-    return as_expr(Interval(*PIO2)) - asin(x)
-
-
-def sinh(x: Operand) -> Expr:
-    """Hyperbolic sine."""
-    return 0.5 * (exp(x) - exp(-as_expr(x)))
-
-
-def cosh(x: Operand) -> Expr:
-    """Hyperbolic cosine."""
-    return 0.5 * (exp(x) + exp(-as_expr(x)))
-
-
-def tanh(x: Operand) -> Expr:
-    """Hyperbolic tangent."""
-    return 1.0 - 2.0 / (exp(2.0 * as_expr(x)) + 1.0)
+acos = _named("acos", "Angle in [0, pi] of a cosine, defined on [-1, 1].", lambda x: as_expr(Interval(*PIO2)) - asin(x))
+sinh = _named("sinh", "Hyperbolic sine.", lambda x: 0.5 * (exp(x) - exp(-x)))
+cosh = _named("cosh", "Hyperbolic cosine.", lambda x: 0.5 * (exp(x) + exp(-x)))
+tanh = _named("tanh", "Hyperbolic tangent.", lambda x: 1.0 - 2.0 / (exp(2.0 * x) + 1.0))
+acosh = _named("acosh", "Inverse hyperbolic cosine, >= 0, defined where x >= 1.", lambda x: log(x + sqrt(sqr(x) - 1.0)))
+atanh = _named(
+    "atanh", "Inverse hyperbolic tangent, defined where -1 < x < 1.", lambda x: 0.5 * (log(1.0 + x) - log(1.0 - x))
+)
+norm = _named("norm", "Euclidean length along the last axis.", lambda x: sqrt(sqr(x).sum(-1)))
 
 
 def asinh(x: Operand) -> Expr:
     """Inverse hyperbolic sine; the same on both sides of 0, where log(x + sqrt(x^2 + 1)) would cancel for x < 0."""
     above, below = (maximum(side, 0.0) for side in (x, -as_expr(x)))
     return log(above + sqrt(sqr(above) + 1.0)) - log(below + sqrt(sqr(below) + 1.0))
-
-
-def acosh(x: Operand) -> Expr:
-    """Inverse hyperbolic cosine, not negative, defined where x >= 1."""
-    return log(as_expr(x) + sqrt(sqr(x) - 1.0))
-
-
-def atanh(x: Operand) -> Expr:
-    """Inverse hyperbolic tangent, defined where -1 < x < 1."""
-    return 0.5 * (log(1.0 + as_expr(x)) - log(1.0 - as_expr(x)))
-
-
-def norm(x: Operand) -> Expr:
-    """Euclidean length along the last axis."""
-    return sqrt(sqr(x).sum(-1))
 
 
 def minimum(x: Operand, y: Operand) -> Expr:
