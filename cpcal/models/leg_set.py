@@ -24,7 +24,7 @@ import numpy as np
 from cpcal.checker.certificate import Given, polynomial, with_forms
 from cpcal.checker.platform import DIRECTION_BITS, Commanded, direction_form
 from cpcal.common.errors import unusable
-from cpcal.common.values import Floats, Places
+from cpcal.common.values import Floats, Places, floats
 from cpcal.models import PLAIN, ModelResiduals, leg_box, leg_network, leg_statement, of_measurements
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
@@ -82,7 +82,7 @@ class AskedSet(NamedTuple):
 
     def network(self) -> ConstraintNetwork:
         """The equations of the leg at `eps`."""
-        box = leg_box(np.asarray(self.center, np.float64), self.delta)
+        box = leg_box(floats(self.center), self.delta)
         whole = leg_network(self.campaign, self.leg, box, eps=(self.eps, self.eps), model=PLAIN)
         return of_measurements(whole, self.only)
 

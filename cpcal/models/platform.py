@@ -29,7 +29,7 @@ import numpy as np
 
 from cpcal.checker.platform import COORDINATES, AboutCenter, Commanded, Leg, LegEquation
 from cpcal.common.errors import unusable
-from cpcal.common.values import Bools, Floats, crossed
+from cpcal.common.values import Bools, Floats, crossed, norms
 from cpcal.models.leg import cross, rotations
 from cpcal.models.leg_set import CertifiedSet
 from cpcal.robot import Pose, Robot, leg_vectors, normalised, pose_jacobian, small_rotation
@@ -159,9 +159,9 @@ class Equations:
         # the middle of the sets: any parameters serve
         self.middle = self.controller + (self.basis @ self.along.mid[..., None])[..., 0]
         # mm: lengths of the legs at the centers, in floating point, make deviations mm
-        self.scale: Floats = np.linalg.norm(leg_vectors(robot, cells.center), axis=-1)
+        self.scale: Floats = norms(leg_vectors(robot, cells.center))
         among = Robot.from_parameters("middle", self.middle)
-        length = np.linalg.norm(leg_vectors(among, cells.center), axis=-1)
+        length = norms(leg_vectors(among, cells.center))
         self.jacobian = pose_jacobian(among, cells.center) * (length / self.scale)[..., None]
         self.jacobian[..., 3:] *= 2.0
         self.jacobian[..., list(held)] = 0.0
@@ -282,7 +282,7 @@ class Equations:
 
         def image(y: Floats) -> Floats:
             z = (size_of @ y[..., None])[..., 0]
-            near = (2.0 * (lost @ z[..., None])[..., 0] <= z).all(axis=1)
+            near = np.asarray((2.0 * (lost @ z[..., None])[..., 0] <= z).all(axis=1))
             p, s = z[:, None, :3], z[:, None, 3:]
             square = (s * s).sum(axis=-1)
             column = y[:, None, :, None]

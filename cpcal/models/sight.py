@@ -34,7 +34,19 @@ from cpcal.checker.rule import Box
 from cpcal.checker.sight import POSE_SET_FORMAT, Part, Rows, Sight, digest_of, joined, rows_of, sight_of
 from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import StrPath, write_file
-from cpcal.common.values import ArrayLike, Floats, Indices, Names, Places, Value, fill, freeze, frozen_array
+from cpcal.common.values import (
+    ArrayLike,
+    Floats,
+    Indices,
+    Names,
+    Places,
+    Value,
+    fill,
+    floats,
+    freeze,
+    frozen_array,
+    norms,
+)
 from cpcal.robot import Pose, normalised, quaternion_from_matrix, quaternion_product
 from cpcal.robot.kinematics import nearest_rotation
 from cpcal.solver.certificate.exact_network import number
@@ -90,9 +102,9 @@ class PixelBoxes:
         cls, numbers: ArrayLike, centers: ArrayLike, half_width: ArrayLike, *, of_images: bool = False
     ) -> "PixelBoxes":
         """`center +- half_width`, pixels: centers (m, 2), half_width a number, (2,), (m, 1) or (m, 2), >= 0."""
-        middle = np.asarray(centers, np.float64)
+        middle = floats(centers)
         try:
-            radius = np.broadcast_to(np.asarray(half_width, np.float64), middle.shape)
+            radius = np.broadcast_to(floats(half_width), middle.shape)
         except ValueError:
             what = f"is {np.shape(half_width)} for centres {middle.shape}"
             raise unusable("half_width", what, "give one number, or one for each coordinate") from None
@@ -124,7 +136,7 @@ class CameraSet(Value):
             (model != BROWN, "camera", f"has a lens of the model {model}", other),
             (wrong, "camera spread", what, f"give (9, k), of {', '.join(CAMERA_NUMBERS)}"),
         )
-        if not (self.camera.focal > np.linalg.norm(self.spread[:2], axis=1)).all():
+        if not (self.camera.focal > norms(self.spread[:2])).all():
             raise unusable("camera spread", "allows a focal length of zero", "give a narrower set")
 
     @classmethod
@@ -134,7 +146,7 @@ class CameraSet(Value):
         A factor of 5 holds the truth of a calibration with honest covariance in 99.7 % of all cases (chi-square, nine
         degrees of freedom: 5.0 is the root of 25.3). Raises InputError.
         """
-        matrix = np.asarray(covariance, np.float64)
+        matrix = floats(covariance)
         if matrix.shape != (_COUNT, _COUNT) or not np.isfinite(matrix).all() or not 0.0 < factor < np.inf:
             remedy = "give (9, 9), as `cpcal image camera IMAGES` writes it, and a factor > 0"
             raise unusable("camera covariance", f"has the shape {matrix.shape}, factor {factor}", remedy)
@@ -160,7 +172,7 @@ class TargetSet(Value):
     scale: float = 0.0
 
     def __post_init__(self) -> None:
-        widths = np.asarray(self.half_widths, np.float64)
+        widths = floats(self.half_widths)
         if widths.shape not in ((), (3,)) or not (np.isfinite(widths) & (widths >= 0.0)).all():
             raise unusable("target half-widths", f"are {self.half_widths}", "give one number or (3,), mm >= 0")
         if not 0.0 <= self.scale <= LARGEST_SCALE:
@@ -244,7 +256,7 @@ def _field_radius(cameras: CameraSet) -> float:
 
 def _hex(values: ArrayLike) -> Any:
     """Floats as texts, in lists as in the array."""
-    array = np.asarray(values, np.float64)
+    array = floats(values)
     return [_hex(part) for part in array] if array.ndim else float(array).hex()
 
 

@@ -19,7 +19,7 @@ from cpcal.common.codec import Document, Informed, checked
 from cpcal.common.errors import Problem, Problems, unusable
 from cpcal.common.files import StrPath
 from cpcal.common.numbers import about, bracket_text
-from cpcal.common.values import Floats, Indices, Names, Numbers, Places
+from cpcal.common.values import Floats, Indices, Names, Numbers, Places, floats, norms
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.models import PLAIN, beyond_legs
@@ -362,7 +362,7 @@ def _problems(
     if assume is None and failed:
         what = f"fails its tolerance: leg {', '.join(failed)}"
         yield Problem("run", what, "say what model error to assume: --assume MM")
-    values = np.atleast_1d(np.asarray(0.0 if assume is None else assume, np.float64))
+    values = np.atleast_1d(floats(0.0 if assume is None else assume))
     if values.shape not in ((1,), (n,)) or not (np.isfinite(values) & (values >= 0.0)).all():
         yield Problem("assume", "is no number of mm, 0 or more, nor one for each leg", "give 0.2, say")
     elif whole:
@@ -446,8 +446,8 @@ def proposed_workspace(campaign: Campaign, robot: Robot, held: Sequence[int]) ->
     def inside(share: float) -> bool:
         at = middle + share * half * corners
         near = np.clip(foot, middle - share * half, middle + share * half)
-        longest = np.linalg.norm(at[:, None] - foot, axis=2).max(axis=0) - robot.offset
-        shortest = np.linalg.norm(near - foot, axis=1) - robot.offset
+        longest = norms(at[:, None] - foot).max(axis=0) - robot.offset
+        shortest = norms(near - foot) - robot.offset
         return bool(((low <= shortest) & (longest <= high)).all())
 
     shares = [share for share in np.linspace(0.01, 1.0, 100).tolist() if inside(share)]
@@ -525,7 +525,7 @@ def expanded_uncertainty(campaign: Campaign, controller: Robot, poses: Pose, hel
     moves = (inverse[..., None] * leg_changes(fitted, poses)[:, None]).reshape(-1, 3, found.parameters.size)
     variance = moves @ found.determined_covariance @ np.swapaxes(moves, 1, 2)
     variance += inverse @ scatter @ np.swapaxes(inverse, 1, 2)
-    lost = np.linalg.norm(moves - moves @ seen.T @ seen, axis=2) > 1e-6 * np.linalg.norm(moves, axis=2)
+    lost = norms(moves - moves @ seen.T @ seen) > 1e-6 * norms(moves)
     size = np.maximum(np.trace(variance, axis1=1, axis2=2), 1e-300)
     quantile = special.fdtri(size**2 / np.maximum(np.sum(variance**2, axis=(1, 2)), 1e-300), found.freedom, 0.95)
-    return np.where(lost.any(axis=1), np.inf, np.linalg.norm(offset, axis=1) + np.sqrt(size * quantile))
+    return np.where(lost.any(axis=1), np.inf, norms(offset) + np.sqrt(size * quantile))

@@ -11,7 +11,7 @@ import numpy as np
 from cpcal.checker import Accepted
 from cpcal.common.errors import Problems, refuse, unusable
 from cpcal.common.files import StrPath
-from cpcal.common.values import ArrayLike, Names, Numbers
+from cpcal.common.values import ArrayLike, Names, Numbers, floats
 from cpcal.files import campaign_sha256
 from cpcal.files.folders import keep_beside
 from cpcal.files.run_folder import FITTED, answers_into
@@ -61,7 +61,7 @@ def certify_point(
     is then left out. User-defined models have none.
     Raises InputError.
     """
-    x = np.asarray(point, np.float64)
+    x = floats(point)
     legs = f"choose from 1 to {campaign.legs}"
     problems = Problems()
     with problems.kept():

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common.values import Floats
+from cpcal.common.values import Floats, norms
 from cpcal.models import ModelResiduals, built_in, fit_model, leg_readings, leg_statement, reading_moves, reading_range
 from cpcal.questions.bracket import PreparedLeg, written
 from cpcal.questions.result import CONSTRAINED, LEAST_SQUARES, PassesFrom, Recommended, Reduced
@@ -83,7 +83,7 @@ class _Leg:
     @cached_property
     def weight(self) -> Floats:
         """Of residuals: one over the deviations that the half-widths state."""
-        moves = np.linalg.norm(reading_moves(self._question.campaign, self._leg, self.plain), axis=1)
+        moves = norms(reading_moves(self._question.campaign, self._leg, self.plain))
         return self._used / moves if moves.min() > 0.0 else self._used
 
     def fit(self, weight: Floats | None) -> Floats:
@@ -172,7 +172,7 @@ def nearest_within(slopes: Floats, values: Floats, rows: Floats, limits: Floats)
     left, right = np.linalg.qr(np.concatenate([slopes / size, ridge]))
     start = left[: len(values)].T @ values
     turned = -np.linalg.solve(right.T, (rows / size).T).T  # G of G y >= h
-    length = np.maximum(np.linalg.norm(turned, axis=1), 1e-300)
+    length = np.maximum(norms(turned), 1e-300)
     turned, least = turned / length[:, None], (turned @ start - limits) / length
     y, some = np.zeros(len(size)), np.zeros(0, np.intp)
     for _ in range(_ROUNDS):

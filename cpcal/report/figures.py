@@ -14,7 +14,7 @@ import numpy as np
 from markupsafe import Markup
 
 from cpcal.common.numbers import stated
-from cpcal.common.values import ArrayLike, Bools, Floats
+from cpcal.common.values import ArrayLike, Bools, Floats, floats
 from cpcal.questions import Result, verdict_of
 
 INK, GRID, BAND, EDGE, ROOM, DOT, SUPPORT = (
@@ -105,7 +105,7 @@ class Plot:
         """Data (n, 2) in points."""
         left, top, right, bottom = self.frame
         start, end = np.array([self.x, self.y]).T
-        share = (np.asarray(points, np.float64).reshape(-1, 2) - start) / (end - start)
+        share = (floats(points).reshape(-1, 2) - start) / (end - start)
         return np.asarray(np.array([left, bottom]) + share * np.array([right - left, top - bottom]))
 
     def area(self, fill: str, polygon: ArrayLike, edge: str = "none", width: float = 0.8, dash: str = "") -> None:

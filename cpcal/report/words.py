@@ -7,7 +7,7 @@ import numpy as np
 
 from cpcal.common.errors import CpcalError
 from cpcal.common.numbers import about, at_least, at_most, stated
-from cpcal.common.values import Bools, Floats, Places
+from cpcal.common.values import Bools, Floats, Places, floats
 from cpcal.models import PLAIN, LegModel, ModelResiduals, fit_model, leg_model
 from cpcal.questions import LegResult, Result, Uncertified, status_of, verdict_of
 from cpcal.questions.verdict import plain_side
@@ -327,7 +327,7 @@ def misread(found: Fitted, used: Bools) -> Places:
 
 def _linear_fit(rows: Floats, values: Floats) -> tuple[Floats, float]:
     """The step of least squares from linearised equations, and the largest residual that it leaves."""
-    step = np.asarray(np.linalg.lstsq(rows, -values, rcond=1e-12)[0], np.float64)
+    step = floats(np.linalg.lstsq(rows, -values, rcond=1e-12)[0])
     return step, float(np.max(np.abs(values + rows @ step)))
 
 

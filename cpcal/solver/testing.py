@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common.values import Floats
+from cpcal.common.values import Floats, norms
 from cpcal.solver.contract import Contraction, Contractor, ContractorFactory
 from cpcal.solver.interval import Box, Interval
 from cpcal.solver.network import ConstraintNetwork, maximum, minimum, norm, sqr, sqrt
@@ -69,7 +69,7 @@ def _leg(net: ConstraintNetwork, rng: np.random.Generator) -> _Solutions:
     position = rng.uniform(-100, 100, (10, 3)) + [0, 0, 400]
     turn = np.linalg.qr(rng.standard_normal((10, 3, 3)))[0]
     arms = position + np.einsum("kij,sj->ski", turn, y[:, 3:6]) - y[:, None, :3]
-    lengths = np.linalg.norm(arms, axis=2) - y[:, 6:7]
+    lengths = norms(arms) - y[:, 6:7]
     y[:, 7] = np.max(np.abs(lengths - lengths[0]), axis=1) + 1e-6
     net.add((norm(position + turn @ b - a) - (lengths[0] + offset)).within((-eps, eps)))
     return y[y[:, 7] <= 50]
@@ -83,7 +83,7 @@ def _readings(net: ConstraintNetwork, rng: np.random.Generator) -> _Solutions:
     a, x = net.variable("a", 2, (-60, 60)), net.variable("x", (), (-3, 3))
     point, away = rng.uniform(-20, 20, 2), rng.uniform(-100, 100, (8, 2))
     slack = 0.999 * rng.uniform(-1, 1, (8, 2)) * [0.2, 0.1]
-    read = np.linalg.norm(away + slack - point, axis=1) + 0.999 * rng.uniform(-0.5, 0.5, 8)
+    read = norms(away + slack - point) + 0.999 * rng.uniform(-0.5, 0.5, 8)
     net.add(norm(net.reading(away, [0.2, 0.1]) - a) == net.reading(read, 0.5))
     net.add([x == net.reading(0.0, 1.0) - net.reading(0.0, 1.0), x <= Interval(1, 2) * net.reading(1.0, 0.5)])
     return [[*point, x] for x in (0.25, -0.5, -1.75)]

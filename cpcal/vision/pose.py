@@ -13,7 +13,7 @@ import numpy.typing as npt
 from scipy.special import chdtrc
 
 from cpcal.common.errors import CpcalError
-from cpcal.common.values import Bools, Floats, Ints
+from cpcal.common.values import Bools, Floats, Ints, floats
 from cpcal.robot import Pose, quaternion_from_matrix, quaternion_from_rotation_vector, turn_between
 from cpcal.solver.compiled import compiled
 from cpcal.vision.camera import Camera
@@ -312,7 +312,7 @@ def estimate_pose(
     least, most = eigenvalues(away.T @ away)
     if least < _SLIM**2 * most:
         raise NoPose("the dots lie on a line or nearly so")
-    pixels = Pixels(dots, seen, np.asarray(np.linalg.cholesky(spread), np.float64), target.radius, camera)
+    pixels = Pixels(dots, seen, floats(np.linalg.cholesky(spread)), target.radius, camera)
     first, *others = plane_poses(dots, rays)
     used, final, residuals = _screened(pixels, first)
     second = _other(pixels.only(used), final, others)

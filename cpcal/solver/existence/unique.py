@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cpcal.common.errors import ModelError
-from cpcal.common.values import Bools, Floats, Indices
+from cpcal.common.values import Bools, Floats, Indices, floats
 from cpcal.solver.existence.operators import Equalities, inside, newton_all
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape, rows_tape
@@ -285,7 +285,7 @@ def prove_unique(network: ConstraintNetwork, where: Box | Sequence[float] | Floa
     Raises ModelError for a point of another dimension.
     """
     if not isinstance(where, Box):
-        point = np.asarray(where, np.float64)
+        point = floats(where)
         if point.shape != (len(network.names),):
             raise ModelError(f"a point of this network has {len(network.names)} components, not shape {point.shape}")
         where = Box(network.names, point, point)

@@ -16,7 +16,7 @@ import numpy as np
 
 from cpcal.common.errors import ModelError
 from cpcal.common.numbers import rounded_down, rounded_up
-from cpcal.common.values import ArrayLike, Bools, Floats, Shape, fill
+from cpcal.common.values import ArrayLike, Bools, Floats, Shape, fill, floats
 from cpcal.solver.compiled import in_python
 from cpcal.solver.interval import kernels
 from cpcal.solver.interval.operations import ADD, DIV, MUL, NEG, SQR, SQRT, SUB, elementwise, products, totals
@@ -230,7 +230,7 @@ class IntervalArray(HasBounds):
     @classmethod
     def of(cls, values: Intervals) -> IntervalArray:
         """Intervals as they are; exact numbers as degenerate ones."""
-        return values if isinstance(values, IntervalArray) else cls.point(np.asarray(values, np.float64))
+        return values if isinstance(values, IntervalArray) else cls.point(floats(values))
 
     @classmethod
     def point(cls, values: ArrayLike) -> IntervalArray:

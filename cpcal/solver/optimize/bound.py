@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common.values import Floats, Indices, Names
+from cpcal.common.values import Floats, Indices, Names, floats
 from cpcal.solver.accounts import ContractorUse, Found, RowUse, Uses, bracket_sentence, total_use
 from cpcal.solver.compiled import TimeUp, compiling_until
 from cpcal.solver.contract import Contraction, Limits, Named, Row, Step, Strategy, Verdict, shrunk
@@ -299,7 +299,7 @@ def minimize(
     try:
         with compiling_until(clock.deadline):
             if resume is None and best is None:
-                incumbent.propose(domain.mid if start is None else np.asarray(start, np.float64))
+                incumbent.propose(domain.mid if start is None else floats(start))
         while search.waiting and not clock.over(tally.nodes):
             with compiling_until(clock.deadline):
                 for event in search:  # of one round: a state between two of them can be gone on from

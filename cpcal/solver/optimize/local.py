@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common.values import Floats, Indices
+from cpcal.common.values import Floats, Indices, floats
 from cpcal.solver.contract import Limits
 from cpcal.solver.existence.unique import reads
 from cpcal.solver.interval import Box
@@ -127,7 +127,7 @@ def fit(rows: Rows, objective: int, box: Box, start: Floats, tolerance: float = 
     The objective's own lower bound is ignored: a negative optimum means room to spare.
     """
     problem = _Problem(rows, objective, box)
-    state = problem.state(np.asarray(start, np.float64))
+    state = problem.state(floats(start))
     radius = 0.1
     for _ in range(_ITERATIONS if np.isfinite(state.merit) else 0):
         step = problem.step(state, radius)

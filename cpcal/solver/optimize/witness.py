@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common.values import ArrayLike, Bools, Floats, Indices
+from cpcal.common.values import ArrayLike, Bools, Floats, Indices, floats
 from cpcal.solver.existence.operators import Equalities
 from cpcal.solver.existence.unique import (
     ReadingConstraint,
@@ -276,7 +276,7 @@ def verify_point(
     constraint does not hold at k for any readings. Constraints of one element count for all. `reading`: those of the
     network with readings, in their order, where they are set up already.
     """
-    x = np.asarray(point, np.float64)
+    x = floats(point)
     box, constraints = IntervalArray.point(x[None]), network.constraints
     count = max((c.body.shape[0] for c in constraints if c.body.shape), default=1)
     holds, fails = np.ones(count, bool), np.zeros(count, bool)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from cpcal.common.values import ArrayLike, Floats, Ints
+from cpcal.common.values import ArrayLike, Floats, Ints, floats
 from cpcal.solver.accounts import ContractorUse, Uses
 from cpcal.solver.contract import (
     Contraction,
@@ -270,7 +270,7 @@ class LargestFirst:
     _reach: Floats | float = np.inf
 
     def __init__(self, width: float = 0.0, scale: ArrayLike = 1.0, skip: Iterable[str] = ()) -> None:
-        self._width, self._scale, self._skip = width, np.asarray(scale, np.float64), frozenset(skip)
+        self._width, self._scale, self._skip = width, floats(scale), frozenset(skip)
 
     def within(self, reach: Floats, unit: Floats | float = 1.0) -> Self:
         """The same, but no component (n,) is divided further than its `reach` from 0; widths are in `unit` (n,)."""
