@@ -17,7 +17,10 @@ from .files import A_FILE, WORK, Budget, Lines, opened
 from .leg import EXTRA, NAME, ExactCampaign, check_model, leg_problem
 from .polynomial import READINGS, Polynomial, Spend, constant, least, substituted, unknown
 from .readers import (
+    Fractions,
     Json,
+    Names,
+    Places,
     Reader,
     Refused,
     Unusable,
@@ -46,9 +49,9 @@ class Point:
     It holds for some reading, or with a `factor` for all, with so many times the stated half-widths.
     """
 
-    at: tuple[F, ...]
-    holds: tuple[int, ...]
-    fails: tuple[int, ...]
+    at: Fractions
+    holds: Places
+    fails: Places
     factor: F | None = None
 
 
@@ -64,7 +67,7 @@ class Claims:
     infeasible: bool = False
     eps_lo: F | None = None
     eps_hi: F | None = None
-    enclosure: tuple[tuple[F, ...], tuple[F, ...]] | None = None
+    enclosure: tuple[Fractions, Fractions] | None = None
     point: Point | None = None
 
 
@@ -77,12 +80,12 @@ class Accepted:
     model: str | None  # of the leg
     about: str  # constraints of its own: what they are about, in the certificate's words, which are not checked
     campaign: str | None  # SHA-256 of the campaign.json that was used
-    unknowns: tuple[str, ...]
+    unknowns: Names
     objective: int | None
     count: int  # of measurements or constraints
-    chosen: tuple[int, ...]  # those that the certificate speaks of
-    lo: tuple[F, ...]
-    hi: tuple[F, ...]
+    chosen: Places  # those that the certificate speaks of
+    lo: Fractions
+    hi: Fractions
     claims: Claims
     used: frozenset[int]  # measurements with a weight in some step
     steps: int
@@ -207,7 +210,7 @@ def polynomial(given: Given, spend: Spend) -> Polynomial:
     return Polynomial(terms, -lowest, spend)
 
 
-def _box(lo: tuple[F, ...], hi: tuple[F, ...], size: int) -> Box:
+def _box(lo: Fractions, hi: Fractions, size: int) -> Box:
     if {len(lo), len(hi)} != {size}:
         raise Refused(f"a list of {size} is needed here")
     if any(a > b for a, b in zip(lo, hi, strict=True)):
@@ -372,7 +375,7 @@ class _Check:
         if cap is not None and o is not None and not self.root.lo[o] <= cap <= self.root.hi[o]:
             raise Refused("the cap is not an eps of the problem")
 
-    def _point(self, at: tuple[F, ...], holds: Any, readings: Any, factor: F | None, fails: tuple[Row, ...]) -> Point:
+    def _point(self, at: Fractions, holds: Any, readings: Any, factor: F | None, fails: tuple[Row, ...]) -> Point:
         p, x = self.problem, Unknowns(Box(at, at), self.lines.spend)
         good = p.chosen if holds == "all" else ascending(p.count)(holds)
         bad = tuple(k for _, k, _ in fails)

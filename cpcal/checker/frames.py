@@ -34,7 +34,7 @@ from .polynomial import (
     transposed,
     unknown,
 )
-from .readers import Refused
+from .readers import Names, Places, Refused
 from .rule import Box, Problem
 
 AXES = range(3)
@@ -59,11 +59,11 @@ class Study:
     in_hand: bool  # the camera is on the hand
     focal: Vector
     center: Vector
-    images: tuple[str, ...]
+    images: Names
     poses: tuple[tuple[Vector, Vector], ...]
     widths: tuple[Vector, ...]
-    image: tuple[int, ...]
-    names: tuple[str, ...]
+    image: Places
+    names: Names
     rays: tuple[Vector, ...]
     points: tuple[Vector, ...]
     half_width: Vector

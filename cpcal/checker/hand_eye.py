@@ -40,6 +40,7 @@ from .polynomial import applied, minus, plus, product, transposed
 from .readers import (
     STRANGE,
     Json,
+    Names,
     Refused,
     Unusable,
     anything,
@@ -73,7 +74,7 @@ HAND_EYE_NAME, HAND_EYE_FORMAT = "handeye.json", "cpcal-handeye-result/8"
 BEYOND = 1.1, 1.01  # of eps_hi: the tolerance of ranges that nobody asked for, and where that leaves a turn open
 _LENS = F(1, 10**7)  # px: how far a pixel and the image of its undistorted one may be apart
 _SETUPS = ("eye-in-hand", "eye-to-hand")
-Readings = Sequence[Sequence[F]]
+Readings = Sequence[Vector]
 
 _HEADER = record(
     {
@@ -134,7 +135,7 @@ def _study(data: Json) -> Study:
     return study
 
 
-def _check_lens(study: Study, pixels: Sequence[Sequence[F]], distortion: Sequence[F]) -> None:
+def _check_lens(study: Study, pixels: Sequence[Vector], distortion: Vector) -> None:
     """Each undistorted pixel is the only one, as far out as any of them, that the lens moves to the measured one."""
     directions = [
         numbers((v - c) / f for v, c, f in zip(ray, study.center, study.focal, strict=True)) for ray in study.rays
@@ -151,7 +152,7 @@ def _check_lens(study: Study, pixels: Sequence[Sequence[F]], distortion: Sequenc
 # given frames -------------------------------------------------------------------------------------------------------
 
 
-def errors(study: Study, placed: Sequence[F], readings: Readings = ()) -> list[F | None]:
+def errors(study: Study, placed: Vector, readings: Readings = ()) -> list[F | None]:
     """For each image the largest excess `|residual| - half-width` of its points on either axis, from 0, px; None where
     a point is not in front of the camera.
 
@@ -180,12 +181,12 @@ def errors(study: Study, placed: Sequence[F], readings: Readings = ()) -> list[F
     return found
 
 
-def _turn(q: Sequence[F]) -> Sequence[Sequence[F]]:
+def _turn(q: Vector) -> Sequence[Vector]:
     rows, norm = rotation(q)
     return [[F(v, norm) for v in row] for row in rows]
 
 
-def parameter_ranges(lo: Sequence[F], hi: Sequence[F], about: Sequence[F]) -> tuple[list[float], list[float]]:
+def parameter_ranges(lo: Vector, hi: Vector, about: Vector) -> tuple[list[float], list[float]]:
     """Lower and upper ends (12): position in mm, turn in degrees from the frames `about` (14), of X and of F.
 
     Turns are the rotation vectors w, in degrees, of all rotations exp([w]) C in a box of matrices; +-180 beyond 60
@@ -209,9 +210,7 @@ def parameter_ranges(lo: Sequence[F], hi: Sequence[F], about: Sequence[F]) -> tu
     return low, high
 
 
-def known_point(
-    lo: Sequence[F], hi: Sequence[F], hand: Sequence[F], at: Sequence[F], about: Sequence[F]
-) -> tuple[float, float]:
+def known_point(lo: Vector, hi: Vector, hand: Vector, at: Vector, about: Vector) -> tuple[float, float]:
     """How far at most frames in a box put a point (3, mm, in the camera frame), and turn the camera, from where the
     frames `about` (14) do: mm and degrees, 180 where no turn is excluded.
 
@@ -234,7 +233,7 @@ def known_point(
     return up(min(way.ends[1] for way in ways)), angle
 
 
-def _turned(turn: Sequence[Bounds], about: Sequence[F]) -> tuple[Sequence[Sequence[Bounds]], F]:
+def _turned(turn: Sequence[Bounds], about: Vector) -> tuple[Sequence[Sequence[Bounds]], F]:
     """Rotations (9) times the inverse of the quaternion `about`, and an upper bound of sin(theta / 2)^2 of these."""
     turns = product(matrix(turn), transposed(enclosed_rotation(numbers(about))))
     return turns, sum(((turns[a][b] - number(a == b)).size.ends[1] ** 2 for a in range(3) for b in range(3)), F(0)) / 8
@@ -278,7 +277,7 @@ class HandEyeCertificates(Certificates):
         rows = Rows(self.study, stage, images, eps, hand, board, sets, Box(frames.lo[:SIZE], frames.hi[:SIZE]))
         return rows.problem(self.budget.spend), rows.root
 
-    def _enclosure(self, name: str, header: list[Any], stages: tuple[str, ...]) -> Box:
+    def _enclosure(self, name: str, header: list[Any], stages: Names) -> Box:
         """The box that another certificate claims, which may be used here: of no more images, at no smaller eps."""
         accepted = self.accepted(name)
         other = _HEADER(accepted.header)
@@ -367,7 +366,7 @@ class _Run:
             raise Refused("is at another tolerance than was asked for")
         return eps
 
-    def accepted(self, name: Any, eps: F, images: Sequence[int]) -> tuple[Accepted, Sequence[F]]:
+    def accepted(self, name: Any, eps: F, images: Sequence[int]) -> tuple[Accepted, Vector]:
         """A certificate about these images and the box that was asked for, at a tolerance; and its w."""
         accepted = self.certificates.accepted(name)
         header = _HEADER(accepted.header)
@@ -399,7 +398,7 @@ class _Run:
             raise Refused("has groups of images that so many wrong ones could spoil")
         return claims
 
-    def errors(self, placed: Sequence[F], given: Any) -> list[F | None]:
+    def errors(self, placed: Vector, given: Any) -> list[F | None]:
         """Those of all images at frames and the readings that are stated with them."""
         readings = [[exact(v) for v in array(one, 6)] for one in array(given)]
         if readings and not self.study.uncertain:

@@ -54,6 +54,9 @@ def reading(name: str) -> Iterator[None]:
 # what a file states beside what is proved ---------------------------------------------------------------------------
 
 Json = dict[str, Any]
+Names = tuple[str, ...]
+Fractions = tuple[F, ...]
+Places = tuple[int, ...]  # of measurements, rows or unknowns among all
 Stated = Iterator[tuple[str, Any, Any]]  # what, as it is stated, as it must be
 
 
@@ -127,8 +130,8 @@ def many(reader: Reader, count: int | None = None) -> Reader:
 def ascending(below: int) -> Reader:
     """A list of whole numbers, ascending."""
 
-    def read(value: Any) -> tuple[int, ...]:
-        found: tuple[int, ...] = many(whole(below))(value)
+    def read(value: Any) -> Places:
+        found: Places = many(whole(below))(value)
         if any(a >= b for a, b in pairwise(found)):
             raise Refused("whole numbers in ascending order are needed here")
         return found

@@ -25,6 +25,7 @@ from .polynomial import (
     too_many,
     unknown,
 )
+from .readers import Fractions, Names, Places
 
 # constraints with readings, and what they say in the coordinates of a box --------------------------------------------
 
@@ -36,8 +37,8 @@ _MOST_KEPT = 100_000  # terms of what is put for monomials
 class Box:
     """lo <= x <= hi."""
 
-    lo: tuple[F, ...]
-    hi: tuple[F, ...]
+    lo: Fractions
+    hi: Fractions
 
     def replaced(self, i: int, *, lo: F | None = None, hi: F | None = None) -> Box:
         """With other bounds on x_i."""
@@ -172,13 +173,13 @@ def _none(*_: Any) -> tuple[()]:
 class Problem:
     """Constraints in some unknowns; `chosen`: the ascending numbers of those that count, of `count`."""
 
-    unknowns: tuple[str, ...]
+    unknowns: Names
     objective: int | None
     count: int
-    chosen: tuple[int, ...]
+    chosen: Places
     constraint: Callable[[int, Unknowns, str], Any]  # k on a box, its reading's signs
     radii: Callable[[int], tuple[float | F, ...]] = _none  # of the readings of k: 0 where they are exact
-    sides: tuple[str, ...] = SIDES
+    sides: Names = SIDES
     model: str | None = None  # of a leg; None: the certificate states the constraints
     forms: tuple[Any, ...] = ()  # of a leg: polynomials that are the last of its unknowns
     # rows of what is no Constraint; of some that have one formula
@@ -189,7 +190,7 @@ class Problem:
     tag: Callable[[str, int], Any] = _none  # of a row, where some may be wrong; None: nothing spoils it
 
     @staticmethod
-    def of_rows(unknowns: int, count: int, sides: tuple[str, ...], form: Callable[[str, int], Polynomial]) -> Problem:
+    def of_rows(unknowns: int, count: int, sides: Names, form: Callable[[str, int], Polynomial]) -> Problem:
         """Of rows that a model forms, by side and number below `count`, as polynomials in so many unknowns."""
         return Problem(
             tuple(map(str, range(unknowns))), None, count, tuple(range(count)), lambda k, *_: k, sides=sides,

@@ -9,7 +9,22 @@ from typing import Any
 from .certificate import Accepted, Certificates, problem_of
 from .files import WORK, Budget, Lines, content, leg_work, parsed
 from .leg import EXTRA, NAME, PARAMETERS, ExactCampaign, check_model
-from .readers import STRANGE, Json, Refused, Stated, Unusable, compare, exact, finite, reading, reason_of, same, shown
+from .readers import (
+    STRANGE,
+    Json,
+    Names,
+    Places,
+    Refused,
+    Stated,
+    Unusable,
+    compare,
+    exact,
+    finite,
+    reading,
+    reason_of,
+    same,
+    shown,
+)
 from .rule import Box, Problem, meeting
 
 RESULT_NAME, INFORMATION = "result.json", "information"
@@ -36,7 +51,7 @@ class RobustChecked:
     outliers: int
     lo: F | None
     hi: F | None
-    left_out: tuple[str, ...]
+    left_out: Names
     proofs: int
 
 
@@ -158,7 +173,7 @@ class _Leg:
         compare(self.of_the_problem(found, found.chosen if chosen is None else tuple(chosen), eps))
         return found
 
-    def of_the_problem(self, accepted: Accepted, chosen: tuple[int, ...], asked: Any) -> Stated:
+    def of_the_problem(self, accepted: Accepted, chosen: Places, asked: Any) -> Stated:
         """The box is the one that the result states, rounded outward."""
         result, number, bracket = self.result, self.leg["leg"], self.leg["bracket"]
         model, parameters = result["model"]["name"], result["model"]["parameters"]
@@ -227,7 +242,7 @@ class _Leg:
             compare(self.of_the_point(key, stated, found, kept))
             yield stated["certificate"], found
 
-    def of_the_point(self, key: str, stated: Json, accepted: Accepted, kept: tuple[int, ...]) -> Stated:
+    def of_the_point(self, key: str, stated: Json, accepted: Accepted, kept: Places) -> Stated:
         """What it meets whatever the readings are; with reduced half-widths the recommended one meets the tolerance."""
         yield "leg", (self.leg["leg"], self.result["model"]["name"]), (accepted.leg, accepted.model)
         yield "measurements", kept, accepted.chosen
@@ -271,7 +286,7 @@ class _Leg:
         if len(set(proofs)) < len(proofs):
             raise Refused("names a proof twice")
         family, lo, hi = [self.accepted(file, None, None) for file in proofs], None, None
-        names: tuple[str, ...] = ()
+        names: Names = ()
         if not family:
             nothing_beside(bracket, "lo")
         elif meeting([proof.used for proof in family], outliers, self.certificates.budget.spend):

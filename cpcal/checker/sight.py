@@ -43,7 +43,10 @@ from .polynomial import Form, Polynomial, Spend, Terms, applied, forms, inner, m
 from .polynomial import product as matrix_product
 from .readers import (
     STRANGE,
+    Fractions,
     Json,
+    Names,
+    Places,
     Refused,
     Unusable,
     anything,
@@ -330,9 +333,9 @@ class PoseSetChecked:
     outliers: int = 0
     digest: str = ""  # of all that is assumed
     files: tuple[tuple[str, str], ...] = ()  # that it came from, with their SHA-256
-    pose: tuple[F, ...] = ()
-    radii: tuple[F, ...] | None = None
-    certificates: tuple[str, ...] = ()
+    pose: Fractions = ()
+    radii: Fractions | None = None
+    certificates: Names = ()
     refused: str | None = None
 
 
@@ -404,13 +407,13 @@ def digest_of(inputs: Json) -> str:
 class Part:
     """A certificate: of which dots, about which quaternion, after which others; what is left, None for nothing."""
 
-    dots: tuple[int, ...]
-    turn: tuple[F, ...]
-    after: tuple[str, ...]
+    dots: Places
+    turn: Fractions
+    after: Names
     left: Box | None
 
 
-def joined(parts: Sequence[Part], outliers: int) -> tuple[tuple[F, ...], Box | None]:
+def joined(parts: Sequence[Part], outliers: int) -> tuple[Fractions, Box | None]:
     """The box of all poses that show all dots but so many, and the quaternion that it is about. Raises Refused.
 
     Of first certificates without common dots, `outliers` at most have a wrong one: the pose is in the boxes of all

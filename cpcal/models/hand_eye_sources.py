@@ -9,7 +9,7 @@ import numpy as np
 
 from cpcal.common.errors import InputError, unusable
 from cpcal.common.numbers import at_most, nearest, stated
-from cpcal.common.values import Floats, Numbers
+from cpcal.common.values import Floats, Names, Numbers
 from cpcal.models.hand_eye import SETUPS, HandEyeStudy, Setup, by_name, study_of_board
 from cpcal.models.hand_eye_fit import classical_answer, estimated_half_widths
 from cpcal.robot import (
@@ -188,9 +188,7 @@ def with_half_widths(study: HandEyeStudy, text: str) -> HandEyeStudy:
 STAND_IN = Camera(2000, 2000, np.array([1000.0, 1000.0]), np.array([999.5, 999.5]), np.zeros(5))
 
 
-def study_of_pairs(
-    hand: Pose, seen: Pose, *, setup: Setup, size: float = 100.0, names: tuple[str, ...] = ()
-) -> HandEyeStudy:
+def study_of_pairs(hand: Pose, seen: Pose, *, setup: Setup, size: float = 100.0, names: Names = ()) -> HandEyeStudy:
     """A study whose pixels are those of a square board (3 x 3 points, `size` mm) at the poses where the camera saw it.
 
     hand   (n, 3) mm and (n, 4): hand in base

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common.values import Floats, Indices
+from cpcal.common.values import Floats, Indices, Names, Places
 from cpcal.models import built_in, exactly_read, leg_box, model_statement, of_measurements
 from cpcal.questions.bracket import (
     Answered,
@@ -112,7 +112,7 @@ def _leg_result(part: PreparedLeg, found: Minimum, proved: Mapping[str, Any], **
     )
 
 
-def _support(leg: PreparedLeg, found: Minimum) -> tuple[str, ...]:
+def _support(leg: PreparedLeg, found: Minimum) -> Names:
     """Few measurements that give the lower bound by themselves."""
     question = leg.question._replace(place=None, checkpoints=None)
     if question.options.support == "none":
@@ -301,7 +301,7 @@ def guessed(question: Question, leg: int, center: Floats) -> frozenset[int]:
     return without
 
 
-def _others(question: Question, without: frozenset[int]) -> tuple[int, ...] | None:
+def _others(question: Question, without: frozenset[int]) -> Places | None:
     """All measurements but these; None for all."""
     return tuple(k for k in range(len(question.campaign)) if k not in without) if without else None
 

@@ -21,7 +21,7 @@ from cpcal.checker.rule import SIDES, Constraint, Problem, Unknowns
 from cpcal.checker.rule import Box as ExactBox
 from cpcal.common.errors import ModelError
 from cpcal.common.files import listed
-from cpcal.common.values import AnyArray
+from cpcal.common.values import AnyArray, Places
 from cpcal.solver.interval import Box
 from cpcal.solver.network.expression import Constraint as NetworkConstraint
 from cpcal.solver.network.expression import Expr, sqr
@@ -85,9 +85,7 @@ class Statement(NamedTuple):
             yield {"name": c.name, "root": c.root, **{k: p and _polynomial(p) for k, p in parts.items()}}
 
 
-def stated_leg(
-    problem: Problem, sha256: str, leg: int, only: tuple[int, ...] | None, forms: Sequence[Given]
-) -> Statement:
+def stated_leg(problem: Problem, sha256: str, leg: int, only: Places | None, forms: Sequence[Given]) -> Statement:
     """One leg of a campaign with that SHA-256, with all measurements or `only` some."""
     head = {
         "format": FORMAT,
@@ -101,7 +99,7 @@ def stated_leg(
     return Statement(problem, head, leg_sides(problem, problem.count - len(forms), only))
 
 
-def leg_sides(problem: Problem, count: int, only: tuple[int, ...] | None, first: int = 0) -> Sides:
+def leg_sides(problem: Problem, count: int, only: Places | None, first: int = 0) -> Sides:
     """Where the rows of a leg's network of `count` measurements stand; its third constraint is of the leg's forms,
     from number `first` on.
 
@@ -207,7 +205,7 @@ def _stated(name: str, constraint: NetworkConstraint, exact: ExactPolynomials) -
     return items, rows
 
 
-def _bound(bound: Expr, exact: ExactPolynomials, shape: tuple[int, ...]) -> Objects | None:
+def _bound(bound: Expr, exact: ExactPolynomials, shape: Places) -> Objects | None:
     """Element by element, None where it is infinite."""
     if np.isinf(bound.data.lo).any():
         if not np.all(bound.data.lo == bound.data.hi):

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common.values import Floats, Indices, Names, floats
+from cpcal.common.values import Floats, Indices, Names, Places, floats
 from cpcal.solver.accounts import ContractorUse, Found, RowUse, Uses, bracket_sentence, total_use
 from cpcal.solver.compiled import TimeUp, compiling_until
 from cpcal.solver.contract import Contraction, Limits, Named, Row, Step, Strategy, Verdict, shrunk
@@ -486,7 +486,7 @@ class Alone(NamedTuple):
 Solve = Callable[[Indices, float], Alone]  # of which it is asked if they prove at least so much
 
 
-def support(problem: Prepared, found: Minimum, gap: float, solve: Solve) -> tuple[int, ...]:
+def support(problem: Prepared, found: Minimum, gap: float, solve: Solve) -> Places:
     """Elements (along the constraints' leading axis) that alone prove `found.lo` up to the relative `gap`.
 
     It begins with those that decided the leaves; while they alone allow a better point, those join that it violates

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common.values import ArrayLike, Bools, Floats, Indices, floats
+from cpcal.common.values import ArrayLike, Bools, Floats, Indices, Places, floats
 from cpcal.solver.existence.operators import Equalities
 from cpcal.solver.existence.unique import (
     ReadingConstraint,
@@ -54,7 +54,7 @@ class Equations:
         self.enter = frozenset(reach[reach < len(network.names)].tolist())
         self._network = plain
         self._flat = [part for root in self._equalities.roots for part in (root.reshape(-1) if root.shape else [root])]
-        self._provers: dict[tuple[int, ...], UniquenessProver] = {}  # by the equations that they are about
+        self._provers: dict[Places, UniquenessProver] = {}  # by the equations that they are about
 
     def within(self, domain: Box) -> Equations:
         """The same in a part of the domain."""
