@@ -34,11 +34,11 @@ from scipy.spatial import cKDTree
 from scipy.special import bdtrc
 
 from cpcal.common.errors import CpcalError
-from cpcal.common.values import ArrayLike, Bools, Floats, Ints, floats, norms
+from cpcal.common.values import ArrayLike, Bools, Floats, Ints, floats
 from cpcal.robot import Pose, transformed
 from cpcal.solver.compiled import compiled
 from cpcal.vision.camera import Camera
-from cpcal.vision.projection import fitted, mapped, median
+from cpcal.vision.projection import fit_homography, fitted, mapped, median
 from cpcal.vision.target import Board, Target
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -98,33 +98,45 @@ def _guesses(size: tuple[int, int]) -> list[Camera]:
     return [outwards[0], *inwards[:5], *outwards[1:], *inwards[5:]]
 
 
+def nearest(view: View, predicted: Floats, reach: float) -> Ints:
+    """For each predicted dot of m hypotheses (m, n, 2) the found one (m, n) that is its nearest, and the other way
+    round, within `reach`; -1 where none is."""
+    rising, out = np.argsort(view.points[:, 0]), np.empty(predicted.shape[:-1], np.int64)
+    mutually_nearest(view.points[rising], predicted, reach, out)
+    return np.where(out >= 0, rising[out], -1)
+
+
 def pairs(view: View, predicted: Floats, reach: float) -> tuple[Ints, Ints]:
     """Found dots and predicted ones (n, 2) that are each other's nearest, within `reach`."""
-    nearest = np.empty(len(predicted), np.int64)
-    mutually_nearest(view.points, predicted, reach, nearest)
-    numbers = np.flatnonzero(nearest >= 0)
-    return nearest[numbers], numbers
+    found = nearest(view, predicted[None], reach)[0]
+    numbers = np.flatnonzero(found >= 0)
+    return found[numbers], numbers
 
 
 @compiled
 def mutually_nearest(points: Floats, places: Floats, reach: float, out: Ints) -> None:
-    """For each of the places (n, 2) which of the points (m, 2) is nearest, if it is no further than `reach` and no
-    other place is nearer to that point; -1 where none is. A place that is nan has none. (Asked some times an image.)"""
-    closest, owner = np.full(len(points), np.inf), np.full(len(points), -1)
-    for i in range(len(places)):
-        out[i], least = -1, np.inf
-        for k in range(len(points)):
-            dx, dy = points[k, 0] - places[i, 0], points[k, 1] - places[i, 1]
-            square = dx * dx + dy * dy
-            if square < least:
-                out[i], least = k, square
-            if square < closest[k]:
-                closest[k], owner[k] = square, i
-        if not least <= reach * reach:
-            out[i] = -1
-    for i in range(len(places)):
-        if out[i] >= 0 and owner[out[i]] != i:
-            out[i] = -1
+    """`nearest` among points (k, 2) whose x rise. A place that is nan has none."""
+    for m in range(len(places)):
+        closest, owner = np.full(len(points), np.inf), np.full(len(points), -1)
+        for i in range(places.shape[1]):
+            out[m, i], least, k, end = -1, reach * reach, 0, len(points)
+            while k < end:  # the first that is not too far to the left
+                middle = (k + end) // 2
+                if points[middle, 0] < places[m, i, 0] - reach:
+                    k = middle + 1
+                else:
+                    end = middle
+            while k < len(points) and points[k, 0] <= places[m, i, 0] + reach:
+                dx, dy = points[k, 0] - places[m, i, 0], points[k, 1] - places[m, i, 1]
+                square = dx * dx + dy * dy
+                if square <= least:
+                    out[m, i], least = k, square
+                if square < closest[k]:
+                    closest[k], owner[k] = square, i
+                k += 1
+        for i in range(places.shape[1]):
+            if out[m, i] >= 0 and owner[out[m, i]] != i:
+                out[m, i] = -1
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -152,9 +164,10 @@ def lattices(points: Floats, off: float = _OFF) -> Iterator[Lattice]:
     first."""
     count = min(_NEIGHBOURS + 1, len(points))
     near = np.asarray(cKDTree(points).query(points, count)[1])[:, 1:]
-    arms = points[near] - points[:, None]
-    length = np.hypot(*np.moveaxis(arms, -1, 0))
-    apart = norms(arms[:, :, None] + arms[:, None]) / np.maximum(length, 1e-300)[:, :, None]
+    place = points @ [1.0, 1j]
+    arms = place[near] - place[:, None]
+    length = np.abs(arms)
+    apart = np.abs(arms[:, :, None] + arms[:, None]) / np.maximum(length, 1e-300)[:, :, None]
     apart[:, *np.tril_indices(count - 1)] = np.inf
     opposite, best = apart.argmin(axis=2), apart.min(axis=2)  # of each arm the one that is most nearly opposite
     anchors, taken = np.argsort(np.sort(best, axis=1)[:, 1]), np.zeros(len(points), bool)
@@ -162,41 +175,48 @@ def lattices(points: Floats, off: float = _OFF) -> Iterator[Lattice]:
         first = int(taken[anchors].argmin())  # none that a lattice has, as long as there are others
         anchor, anchors = anchors[first], np.delete(anchors, first)
         even = best[anchor] < _SYMMETRIC
-        steps = np.where(even[:, None], 0.5 * (arms[anchor] - arms[anchor, opposite[anchor]]), arms[anchor])
+        steps = np.where(even, 0.5 * (arms[anchor] - arms[anchor, opposite[anchor]]), arms[anchor])
         both = itertools.combinations(range(min(_TRIED, count - 1)), 2)
         for one, other in sorted(both, key=lambda k: -even[[*k]].sum()):
-            if abs(steps[one] @ steps[other]) < _CROOKED * length[anchor, one] * length[anchor, other]:
-                found = _grown_lattice(points, np.column_stack([steps[one], steps[other], points[anchor]]), off)
+            across = abs((steps[one] * steps[other].conjugate()).real)
+            if across < _CROOKED * length[anchor, one] * length[anchor, other]:
+                columns = np.array([steps[one], steps[other], place[anchor]])
+                found = _grown_lattice(points, np.array([columns.real, columns.imag, [0.0, 0.0, 1.0]]), off)
                 if found is not None:
                     taken[found.members] = True
                     yield found
                     break
 
 
-def _grown_lattice(points: Floats, columns: Floats, off: float) -> Lattice | None:
-    """What begins with two steps from a place, (2, 3), over more and more of the points."""
-    homography, nodes = np.concatenate([columns, [[0.0, 0.0, 1.0]]]), np.zeros((0, 2))
-    on = np.zeros(len(points), bool)
-    for ring in _RINGS:
-        with np.errstate(all="ignore"):
-            at = mapped(np.linalg.inv(homography), points)
-            every = np.rint(at)
-            inside = np.abs(at).max(axis=1) < ring + 0.5
-            near = inside & (np.abs(at - every).max(axis=1) < off)
-        if near.sum() < max(5, _SHARE * inside.sum()):
-            break  # something else begins: another plate, a background
-        on, nodes, places = near, every[near], points[near]
-        if ring == 1:
-            homography[:2] = np.linalg.lstsq(np.column_stack([nodes, np.ones(len(nodes))]), places, rcond=None)[0].T
-        else:
-            homography = fitted(nodes, places)
-        if not np.isfinite(homography).all() or abs(np.linalg.det(homography)) < 1e-30:
-            return None
-        if inside.all():
-            break
-    if len(nodes) < max(9, _PART * len(points)):
+def _grown_lattice(points: Floats, begun: Floats, off: float) -> Lattice | None:
+    """What begins with a homography (3, 3) of two steps from a place, over more and more of the points."""
+    to_nodes, nodes, members = floats(np.linalg.inv(begun)), np.empty(points.shape), np.empty(len(points), np.int64)
+    size = grown(points, off, to_nodes, nodes, members)
+    if size < max(9, _PART * len(points)) or not abs(np.linalg.det(to_nodes)) > 1e-30:
         return None
-    return Lattice(nodes.astype(np.int64), homography, np.flatnonzero(on))
+    return Lattice(nodes[:size].astype(np.int64), floats(np.linalg.inv(to_nodes)), members[:size])
+
+
+@compiled
+def grown(points: Floats, off: float, to_nodes: Floats, nodes: Floats, members: Ints) -> int:
+    """Fits the homography from points (n, 2) to nodes ring by ring; how many points are on nodes, which, and where."""
+    some, places, which, size = np.empty(points.shape), np.empty(points.shape), np.empty(len(points), np.int64), 0
+    for ring in _RINGS:
+        inside, count = 0, 0
+        for i in range(len(points)):
+            x, y, z = to_nodes[:, 0] * points[i, 0] + to_nodes[:, 1] * points[i, 1] + to_nodes[:, 2]
+            if z > 0.0 and max(abs(x), abs(y)) < (ring + 0.5) * z:
+                inside += 1
+                some[count], places[count], which[count] = points[i], (np.rint(x / z), np.rint(y / z)), i
+                count += max(abs(x / z - places[count, 0]), abs(y / z - places[count, 1])) < off
+        if count < max(5, _SHARE * inside):
+            break  # something else begins: another plate, a background
+        if not fit_homography(some[:count], places[:count], 6 if ring == 1 else 8, to_nodes):
+            break
+        nodes[:count], members[:count], size = places[:count], which[:count], count
+        if inside == len(points):
+            break
+    return size
 
 
 # Lattices onto themselves, but for shifts; of all shears those by one step. Plain ones come first.
@@ -216,18 +236,28 @@ def ways(some: Ints, others: Ints) -> tuple[Ints, Ints]:
     wide = 2 * int(np.abs(some).sum(axis=1).max() + np.abs(others).max()) + 1  # a shift's x and y in one number
     maps = []
     counts: list[int] = []
-    seen = others @ [wide, 1]
+    seen: Ints = others @ np.array([wide, 1])
     for k, turn in enumerate(_TURNS):
         if k == 8 and some is not others and max(counts) >= _PLAIN * min(len(some), len(others)):
             break  # no shear is needed
-        shifts = np.subtract.outer(seen, some @ turn.T @ [wide, 1]).ravel()
-        met = np.bincount(shifts - shifts.min())
+        turned = some @ turn.T @ [wide, 1]
+        least = int(seen.min() - turned.max())
+        met = np.zeros(int(seen.max() - turned.min()) - least + 1, np.int64)
+        meet(turned + least, seen, met)
         for best in np.argpartition(-met, min(_SHIFTS, len(met) - 1))[:_SHIFTS].tolist():
-            x = (best + int(shifts.min()) + wide // 2) // wide
-            y = best + int(shifts.min()) - x * wide
-            maps.append([[*turn[0], x], [*turn[1], y], [0, 0, 1]])
+            x = (best + least + wide // 2) // wide
+            y = best + least - x * wide
+            maps.append([*turn[0].tolist(), x, *turn[1].tolist(), y, 0, 0, 1])
             counts.append(int(met[best]))
-    return np.array(maps), np.array(counts)
+    return np.reshape(maps, (-1, 3, 3)), np.array(counts)
+
+
+@compiled
+def meet(some: Ints, others: Ints, out: Ints) -> None:
+    """Counts the differences of others and some."""
+    for one in some:
+        for other in others:
+            out[other - one] += 1
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -315,10 +345,9 @@ def hypotheses(view: View, target: Target) -> Iterator[Hypothesis]:
         homographies = seen.homography @ maps[best] @ np.linalg.inv(grid.homography)
         radius, rough = _radius(homographies[0], target), replace(view, reach=_ROUGH * view.spacing)
         laid = mapped(homographies, target.dots)
-        hits = [len(pairs(rough, one, rough.reach)[0]) for one in laid]
-        most = np.argsort(np.negative(hits), kind="stable")[:_COMPARED]
-        homographies, errors = homographies[most], [_compared(rough, laid[k], radius)[3] for k in most]
-        order = np.lexsort(([_mirrored(one, target) for one in homographies], errors))[:_FOLLOWED]
+        most = np.argsort(-(nearest(rough, laid, rough.reach) >= 0).sum(axis=1), kind="stable")[:_COMPARED]
+        homographies, errors = homographies[most], _compared(rough, laid[most], radius)[2]
+        order = np.lexsort((_mirrored(homographies, target), errors))[:_FOLLOWED]
         fits: list[Hypothesis] = []
         for k in order:
             if fits and fits[0].errors + MARGIN <= errors[k]:
@@ -347,22 +376,23 @@ def _grown(view: View, target: Target, homography: Floats, reach: float = 0.0) -
         homography = fitted(target.dots[numbers], view.points[found])
         if len(found) > _NEARLY_ALL * min(len(target.dots), len(view.points)):
             break
-    found, numbers, in_view, errors = _compared(view, mapped(homography, target.dots), _radius(homography, target))
-    return Hypothesis(homography, found, numbers, in_view, errors, _mirrored(homography, target))
+    found, in_view, errors = _compared(view, mapped(homography, target.dots)[None], _radius(homography, target))
+    numbers, mirrored = np.flatnonzero(found[0] >= 0), bool(_mirrored(homography, target))
+    return Hypothesis(homography, found[0, numbers], numbers, in_view[0], int(errors[0]), mirrored)
 
 
-def _mirrored(homography: Floats, target: Target) -> bool:
+def _mirrored(homography: Floats, target: Target) -> Bools:
     """Whether no camera sees it so: y points down in the view, and on OpenCV's boards, but up on other targets."""
-    depth = homography[2, :2] @ target.dots.mean(axis=0) + homography[2, 2]
-    return bool((np.linalg.det(homography) * depth > 0.0) != bool(target.board))
+    depth = homography[..., 2, :2] @ target.dots.mean(axis=0) + homography[..., 2, 2]
+    return np.asarray((np.linalg.det(homography) * depth > 0.0) != bool(target.board))
 
 
-def _compared(view: View, predicted: Floats, radius: Floats) -> tuple[Ints, Ints, Bools, int]:
-    """Found dots and those of the target (n, 2) that explain them, which should be in view, and the errors."""
-    found, numbers = pairs(view, predicted, view.reach)
-    in_view = view.in_view(predicted, radius)
-    in_view[numbers] = True
-    return found, numbers, in_view, int(in_view.sum()) + len(view.points) - 2 * len(found)
+def _compared(view: View, predicted: Floats, radius: Floats) -> tuple[Ints, Bools, Ints]:
+    """Which found dots are those of the target (m, n, 2), -1 where none is; which should be in view, and the errors
+    (m,)."""
+    found = nearest(view, predicted, view.reach)
+    in_view = view.in_view(predicted, radius) | (found >= 0)
+    return found, in_view, in_view.sum(axis=1) + len(view.points) - 2 * (found >= 0).sum(axis=1)
 
 
 def _radius(homography: Floats, target: Target) -> Floats:
@@ -396,7 +426,7 @@ def best_rival(view: View, target: Target, fit: Hypothesis, margin: int, *, mirr
     if not len(close):
         return least, False
     radius = _radius(fit.homography, target)
-    errors = np.array([_compared(view, way, radius)[3] for way in mapped(fit.homography, maps.places[close])])
+    errors = _compared(view, mapped(fit.homography, maps.places[close]), radius)[2]
     best = int(errors.argmin())
     return min(int(errors[best]) - fit.errors, least), bool(maps.mirrored[close[best]])
 

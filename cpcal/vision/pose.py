@@ -6,10 +6,9 @@ answer is a refusal.
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import chdtrc
 
 from cpcal.common.errors import CpcalError
@@ -18,50 +17,8 @@ from cpcal.robot import Pose, quaternion_from_matrix, quaternion_from_rotation_v
 from cpcal.solver.compiled import compiled
 from cpcal.vision.camera import Camera
 from cpcal.vision.opencv import opencv
-from cpcal.vision.projection import by_camera, centers_by_pose, eigenvalues, median, placed_centers
+from cpcal.vision.projection import by_camera, centers_by_pose, eigenvalues, median, placed_centers, solved
 from cpcal.vision.target import Target
-
-# ------------------------------------------------------------------------------------------------------------------
-# A small symmetric positive definite system, compiled, for fits that solve one in every step.
-
-
-@compiled
-def solved(
-    matrix: npt.NDArray[np.floating[Any]], size: int, damping: float, least: float, right: Floats, out: Floats
-) -> bool:
-    """out = (matrix + damping diag(matrix))^-1 right, of the first `size`, by the Cholesky factor scaled to a unit
-    diagonal. False where the diagonal is not above `least`, or the matrix is not positive definite.
-    """
-    factor, scale = np.empty((size, size)), np.empty(size)  # one over the factor's diagonal in the diagonal's place
-    for i in range(size):
-        if not matrix[i, i] > least:
-            return False
-        scale[i] = 1.0 / np.sqrt(matrix[i, i])
-        for j in range(i):
-            value = matrix[i, j] * scale[i] * scale[j]
-            for k in range(j):
-                value -= factor[i, k] * factor[j, k]
-            factor[i, j] = value * factor[j, j]
-        value = matrix[i, i] * scale[i] * scale[i] + damping
-        for k in range(i):
-            value -= factor[i, k] * factor[i, k]
-        if not value > 0.0:
-            return False
-        factor[i, i] = 1.0 / np.sqrt(value)
-    for i in range(size):
-        value = right[i] * scale[i]
-        for k in range(i):
-            value -= factor[i, k] * out[k]
-        out[i] = value * factor[i, i]
-    for i in range(size - 1, -1, -1):
-        value = out[i]
-        for k in range(i + 1, size):
-            value -= factor[k, i] * out[k]
-        out[i] = value * factor[i, i]
-    for i in range(size):
-        out[i] *= scale[i]
-    return True
-
 
 # ------------------------------------------------------------------------------------------------------------------
 # The Levenberg-Marquardt fit of a pose to the pixels of dots, compiled.

@@ -1,5 +1,7 @@
 """Where dots are seen, with derivatives; plane homographies; small closed forms for the hundred dots of an image."""
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -7,7 +9,6 @@ from cpcal.common.values import Floats
 from cpcal.robot import Pose
 from cpcal.solver.compiled import compiled
 from cpcal.vision.camera import CAMERA_NUMBERS, JET, PACKED, Camera, jet
-from cpcal.vision.opencv import opencv
 from cpcal.vision.target import Target
 
 
@@ -31,6 +32,48 @@ def eigenvalues(matrices: Floats) -> Floats:
     np.subtract(half, apart, out=out[..., 0])
     np.add(half, apart, out=out[..., 1])
     return out
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# A small symmetric positive definite system, compiled, for fits that solve one in every step.
+
+
+@compiled
+def solved(
+    matrix: npt.NDArray[np.floating[Any]], size: int, damping: float, least: float, right: Floats, out: Floats
+) -> bool:
+    """out = (matrix + damping diag(matrix))^-1 right, of the first `size`, by the Cholesky factor scaled to a unit
+    diagonal. False where the diagonal is not above `least`, or the matrix is not positive definite.
+    """
+    factor, scale = np.empty((size, size)), np.empty(size)  # one over the factor's diagonal in the diagonal's place
+    for i in range(size):
+        if not matrix[i, i] > least:
+            return False
+        scale[i] = 1.0 / np.sqrt(matrix[i, i])
+        for j in range(i):
+            value = matrix[i, j] * scale[i] * scale[j]
+            for k in range(j):
+                value -= factor[i, k] * factor[j, k]
+            factor[i, j] = value * factor[j, j]
+        value = matrix[i, i] * scale[i] * scale[i] + damping
+        for k in range(i):
+            value -= factor[i, k] * factor[i, k]
+        if not value > 0.0:
+            return False
+        factor[i, i] = 1.0 / np.sqrt(value)
+    for i in range(size):
+        value = right[i] * scale[i]
+        for k in range(i):
+            value -= factor[i, k] * out[k]
+        out[i] = value * factor[i, i]
+    for i in range(size - 1, -1, -1):
+        value = out[i]
+        for k in range(i + 1, size):
+            value -= factor[k, i] * out[k]
+        out[i] = value * factor[i, i]
+    for i in range(size):
+        out[i] *= scale[i]
+    return True
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -157,10 +200,27 @@ def mapped(homography: Floats, points: Floats) -> Floats:
 
 
 def fitted(points: Floats, images: Floats) -> Floats:
-    """The H (3, 3) that takes points (n, 2) to images (n, 2), n >= 4, of norm 1 and with a sign that makes the third
-    coordinates of most points positive; nan where they determine none."""
-    homography = opencv().findHomography(points, images, 0)[0]
-    if homography is None:
-        return np.full((3, 3), np.nan)
-    depth = points @ homography[2, :2] + homography[2, 2]
-    return np.asarray(homography * (np.sign(median(np.sign(depth))) or 1.0) / np.linalg.norm(homography))
+    """The H (3, 3) that takes points (n, 2) to images (n, 2), n >= 4, with 1 as the third coordinate of the points'
+    mean; nan where they determine none."""
+    homography = np.full((3, 3), np.nan)
+    fit_homography(points, np.array(images), 8, homography)  # not read-only
+    return homography
+
+
+@compiled
+def fit_homography(points: Floats, images: Floats, size: int, out: Floats) -> bool:
+    """`fitted`, by linear least squares: of a homography (`size` 8), or of an affine map (6). False, and `out` stays,
+    where the points determine none."""
+    count, x, y = len(points), points[:, 0].mean(), points[:, 1].mean()
+    rows, numbers = np.zeros((2 * count, 8)), np.zeros(9)
+    for i in range(count):
+        for k in range(2):
+            row, place = rows[2 * i + k], images[i, k]
+            row[3 * k], row[3 * k + 1], row[3 * k + 2] = points[i, 0] - x, points[i, 1] - y, 1.0
+            row[6], row[7] = -row[3 * k] * place, -row[3 * k + 1] * place
+    if not solved(np.dot(rows.T, rows), size, 0.0, 0.0, np.dot(images.copy().reshape(-1), rows), numbers):
+        return False
+    numbers[8] = 1.0
+    out[:] = numbers.reshape(3, 3)
+    out[:, 2] -= x * out[:, 0] + y * out[:, 1]
+    return True

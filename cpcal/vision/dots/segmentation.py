@@ -80,18 +80,13 @@ def noise_level(image: Grey) -> float:
     step = max(1, int(np.sqrt(image.size / 10_000)))
     rows = image[::step]
     left, middle, right = (rows[:, k : rows.shape[1] - 2 + k : step].astype(np.int32) for k in range(3))
-    second = np.abs(left - 2 * middle + right).ravel()
-    if not second.size:
+    counts = np.bincount(np.abs(left - 2 * middle + right).ravel())
+    if not counts.size:
         return _ROUNDING
-    spread, upto = np.linspace(-0.5, 0.5, second.size), np.cumsum(np.bincount(second))
-
-    def ranked(place: int) -> float:
-        """Of all, once spread: of equal ones the first are spread the least."""
-        value = int(np.searchsorted(upto, place, side="right"))
-        equal = np.flatnonzero(second == value)
-        return value + float(spread[equal[place - upto[value]]])
-
-    return max(0.5 * (ranked((second.size - 1) // 2) + ranked(second.size // 2)) / _MEDIAN, _ROUNDING)
+    upto = np.cumsum(counts)
+    level = int(np.searchsorted(upto, 0.5 * upto[-1], side="right"))
+    median_difference = level + 0.5 - (upto[level] - 0.5 * upto[-1]) / counts[level]
+    return max(float(median_difference) / _MEDIAN, _ROUNDING)
 
 
 # ------------------------------------------------------------------------------------------------------------------
