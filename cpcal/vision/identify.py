@@ -102,7 +102,9 @@ def nearest(view: View, predicted: Floats, reach: float) -> Ints:
     """For each predicted dot of m hypotheses (m, n, 2) the found one (m, n) that is its nearest, and the other way
     round, within `reach`; -1 where none is."""
     rising, out = np.argsort(view.points[:, 0]), np.empty(predicted.shape[:-1], np.int64)
-    mutually_nearest(view.points[rising], predicted, reach, out)
+    points = view.points[rising]
+    first = np.searchsorted(points[:, 0], predicted[..., 0] - reach)
+    mutually_nearest(points, predicted, first, reach, out)
     return np.where(out >= 0, rising[out], -1)
 
 
@@ -114,18 +116,13 @@ def pairs(view: View, predicted: Floats, reach: float) -> tuple[Ints, Ints]:
 
 
 @compiled
-def mutually_nearest(points: Floats, places: Floats, reach: float, out: Ints) -> None:
-    """`nearest` among points (k, 2) whose x rise. A place that is nan has none."""
+def mutually_nearest(points: Floats, places: Floats, first: Ints, reach: float, out: Ints) -> None:
+    """`nearest` among points (k, 2) whose x rise, and the `first` (m, n) of them that is not too far to the left. A
+    place that is nan has none."""
     for m in range(len(places)):
         closest, owner = np.full(len(points), np.inf), np.full(len(points), -1)
         for i in range(places.shape[1]):
-            out[m, i], least, k, end = -1, reach * reach, 0, len(points)
-            while k < end:  # the first that is not too far to the left
-                middle = (k + end) // 2
-                if points[middle, 0] < places[m, i, 0] - reach:
-                    k = middle + 1
-                else:
-                    end = middle
+            out[m, i], least, k = -1, reach * reach, first[m, i]
             while k < len(points) and points[k, 0] <= places[m, i, 0] + reach:
                 dx, dy = points[k, 0] - places[m, i, 0], points[k, 1] - places[m, i, 1]
                 square = dx * dx + dy * dy

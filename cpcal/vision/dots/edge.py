@@ -221,18 +221,12 @@ def _begin(p: Floats, center: Floats, spread: Floats, light: Floats) -> float:
 @compiled
 def _levels(p: Floats, unit: float, depth: Single, level: Single) -> float:
     """Back, contrast and blur to begin with; returns the variance of the levels."""
-    outer, outside, inner, inside, total, squares = 0.0, 0, 0.0, 0, 0.0, 0.0
-    least = min(1.5 / unit, 0.4 * max(depth.max(), 0.0))
-    for k in range(len(level)):
-        grey = float(level[k])
-        total, squares = total + grey, squares + grey * grey
-        if depth[k] < -1.5 / unit:
-            outer, outside = outer + grey, outside + 1
-        elif depth[k] > least:
-            inner, inside = inner + grey, inside + 1
-    back = outer / max(outside, 1)
-    p[5], p[6], p[7] = back, inner / max(inside, 1) - back, -np.log(unit)  # a blur of one pixel
-    return squares / len(level) - (total / len(level)) ** 2
+    grey = level.astype(np.float64)
+    outer = grey[depth < -1.5 / unit]
+    inner = grey[depth > min(1.5 / unit, 0.4 * max(depth.max(), 0.0))]
+    back = outer.sum() / max(len(outer), 1)
+    p[5], p[6], p[7] = back, inner.sum() / max(len(inner), 1) - back, -np.log(unit)  # a blur of one pixel
+    return float(grey.var())
 
 
 @compiled
