@@ -201,7 +201,7 @@ def detect(
     write_file(file, detections_bytes(found.rows))
     poses = sum(row.found for row in found.rows)
     pace = f"; {found.measured / found.seconds:.0f} images a second of work" if found.seconds > 0.0 else ""
-    talk.say(f"{poses:,} poses in {len(found.rows):,} images ({found.measured:,} measured now{pace}): {file}")
+    talk.say(f"Poses in {poses:,} of {len(found.rows):,} images ({found.measured:,} measured now{pace}): {file}")
     show(talk, *rejected(found, file.name), *(numbers(found.rows) if talk.verbose else ()))
     pictures = look_again(found.rows, source, plate, lens, turn)
     talk.say(f"Page: {write_detections_page(found, pictures, plate, lens, file)}")
@@ -385,7 +385,7 @@ def sets(
     proved = [one for one in found if one.verdict is Verdict.PROVED]
     refuted = sum(one.verdict is Verdict.REFUTED for one in found)
     talk.say(
-        f"{len(rows)} images: {len(proved)} poses enclosed, {refuted} refuted (no pose shows the dots so), both "
+        f"Poses enclosed in {len(proved)} of {len(rows)} images, {refuted} refuted (no pose shows the dots so), both "
         f"proved; {len(found) - len(proved) - refuted} unknown, {len(rows) - len(found)} not measured.",
         *[f"  {one.file}: {one.reason}" for one in rows if one.reason][:_TOLD],
     )

@@ -268,7 +268,7 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
     """
     kept, seen, alone = single = image_poses(study)
     if len(kept) < _LEAST_IMAGES:
-        what = f"has {len(kept)} images whose points determine a pose"
+        what = f"has points that determine a pose in {len(kept)} of its images"
         raise unusable("study", what, f"give at least {_LEAST_IMAGES} with {_LEAST_POINTS} points each")
     turn, shift = study.motions()
     if np.ptp(turn[kept], axis=0).max() < LEAST_SPREAD:

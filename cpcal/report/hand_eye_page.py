@@ -147,7 +147,7 @@ def known_frames(found: HandEyeResult) -> Iterator[Section]:
             rows.append((name, called[frame], *map(", ".join, numbers)))
     frames = Section(
         "Frames",
-        tables=[Table(("", "frame", "x, y, z [mm]", "qw, qx, qy, qz"), rows)],
+        tables=[Table(("", "frame", "x, y, z [mm]", "qw, qx, qy, qz"), rows, ("", "word"))],
         notes=["“Best found” attains the upper end of the bracket. Numbers in full are in handeye.json."],
     )
     title = "How well the frames are known"

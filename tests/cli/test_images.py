@@ -69,7 +69,7 @@ def test_from_images_to_a_study_that_can_be_calibrated(shots):
     study = load_study(shots)
     assert len(study.calibration) == 22
     again = detect(shots, "calibration")
-    assert "22 poses in 22 images (0 measured now)" in again.stdout
+    assert "Poses in 22 of 22 images (0 measured now)" in again.stdout
     page = shots / "poses-calibration.csv.html"
     assert f"Page: {page}" in again.stdout
     text = page.read_text(encoding="utf-8")

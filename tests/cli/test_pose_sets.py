@@ -64,7 +64,7 @@ def test_from_images_to_checked_boxes_of_poses(place: tuple[Path, Pose], monkeyp
     words = ("image", "sets", folder / "images", *files, "-o", folder / "sets", "--workers", "1", "--plate-exact")
     status, said = run(*words)
     assert status == 0, said
-    assert "2 images: 1 poses enclosed" in said
+    assert "Poses enclosed in 1 of 2 images" in said
     assumed = "px; the camera's numbers are in an ellipsoid of half-widths fx 0.1, fy 0.1, cx 0.1, cy 0.1, k1 0.00005"
     assert "Assumed, not proved: the centre of each dot's image is within 0.05 " + assumed in said
     assert "dots are exact, the plate's size is exact" in said
