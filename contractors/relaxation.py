@@ -4,8 +4,6 @@ All numbers of the rows are exact float64 numbers, their right sides large enoug
 holds at every solution in the box is what the linear programs work on, and what their multipliers are proved with.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from functools import cached_property, lru_cache

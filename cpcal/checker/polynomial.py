@@ -12,7 +12,7 @@ from functools import cached_property, lru_cache, reduce
 from operator import add, itemgetter, mul, or_, sub
 from typing import Any, NamedTuple, Self
 
-from .readers import Refused
+from .readers import Refused, binary
 
 FIELD = 6
 READINGS = 7
@@ -82,7 +82,7 @@ class Polynomial:
     @property
     def constant(self) -> F:
         """Its constant term: its value at the centre."""
-        return _dyadic(self.terms.get(0, 0), self.exponent)
+        return binary(self.terms.get(0, 0), self.exponent)
 
 
 def combined(parts: Iterable[tuple[int, Polynomial]], spend: Spend) -> Polynomial:
@@ -236,10 +236,6 @@ def too_many(most: int, what: str) -> Refused:
     return Refused(f"the check takes more than {most} {what}", "limit")
 
 
-def _dyadic(mantissa: int, exponent: int) -> F:
-    return F(mantissa << exponent) if exponent >= 0 else F(mantissa, 1 << -exponent)
-
-
 @lru_cache(maxsize=512)
 def signed(unknowns: int, signs: str = "") -> int:
     """The variables that may be negative, as a mask of the lowest bit of each field: all but readings at an end."""
@@ -255,7 +251,7 @@ def least(p: Polynomial, mask: int) -> F:
             low -= abs(c)
         elif c < 0 and monomial:
             low += c
-    return _dyadic(low, p.exponent)
+    return binary(low, p.exponent)
 
 
 class Remainder:

@@ -1,7 +1,5 @@
 """Readers of JSON values, from which schemas are built: a value that is not as it must be is refused in a sentence."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -199,7 +197,11 @@ def dyadic(value: Any) -> F:
     if found is None or abs(int(found[4])) > _HIGHEST_POWER:
         raise Refused(f"{shown(value)} is not a number of this format")
     sign, head, fraction, exponent = found.groups(default="")
-    power, mantissa = int(exponent) - 4 * len(fraction), int(sign + head + fraction, 16)
+    return binary(int(sign + head + fraction, 16), int(exponent) - 4 * len(fraction))
+
+
+def binary(mantissa: int, power: int) -> F:
+    """A whole number times a power of two."""
     return F(mantissa << power) if power >= 0 else F(mantissa, 1 << -power)
 
 

@@ -308,7 +308,7 @@ def load_campaign(path: StrPath) -> Campaign:
 
     Raises one InputError that lists every problem of both files.
     """
-    folder, problems = _existing(path, _ABSENT, YOUR_DATA), Problems()
+    folder, problems = existing_folder(path, _ABSENT, YOUR_DATA), Problems()
     settings = read_settings(folder / TOML_NAME, problems)
     table = read_table(folder / CSV_NAME, settings.legs, problems, _ABSENT)
     problems.raise_any(YOUR_DATA)
@@ -345,7 +345,7 @@ def _arrays(numbers: Floats, legs: int) -> dict[str, Any]:
     return dict(zip(ARRAYS, np.split(numbers, np.cumsum([3, 4, legs, 3, 3]), axis=1), strict=True))
 
 
-def _existing(path: StrPath, absent: str, see: str = "") -> Path:
+def existing_folder(path: StrPath, absent: str, see: str = "") -> Path:
     """The folder. Raises InputError where there is none."""
     folder = Path(path)
     if not folder.is_dir():
@@ -482,7 +482,7 @@ def load_study(path: StrPath) -> Study:
 
     Raises one InputError that lists every problem of the three files.
     """
-    folder, problems = _existing(path, _NO_STUDY), Problems()
+    folder, problems = existing_folder(path, _NO_STUDY), Problems()
     settings = read_study_settings(folder / STUDY_NAME, problems)
     tables = []
     for file in (CALIBRATION_NAME, VALIDATION_NAME):

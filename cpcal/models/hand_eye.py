@@ -26,9 +26,10 @@ from cpcal.checker.files import STUDY_NAME
 from cpcal.checker.frames import GIVEN, unit
 from cpcal.checker.hand_eye import STUDY_FORMAT
 from cpcal.common.documents import KeyPath, TomlReader, csv_table, document, json_object, one_of, text
-from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
+from cpcal.common.errors import Problem, Problems, shown, unusable
 from cpcal.common.files import StrPath, write_folder
 from cpcal.common.values import Floats, Indices, Names, Numbers, Value, fill, frozen_array
+from cpcal.files.folders import existing_folder
 from cpcal.files.log import poses_of_log, read_log
 from cpcal.files.tables import Table, read_table
 from cpcal.robot import Pose, compose, inverse, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
@@ -277,10 +278,7 @@ def load_hand_eye(path: StrPath) -> HandEyeStudy:
 
     Raises one InputError that lists every problem of the four files.
     """
-    folder, problems = Path(path), Problems()
-    if not folder.is_dir():
-        what = "is not a folder" if folder.exists() else "does not exist"
-        raise InputError([Problem(str(folder), what, _ABSENT)], see=_SEE)
+    folder, problems = existing_folder(path, _ABSENT, _SEE), Problems()
     reader = TomlReader.opened(folder / HANDEYE_NAME, HANDEYE_FORMAT, ("study",), problems, _ABSENT)
     provenance = {} if reader is None else reader.provenance()
     said = None if reader is None else reader.section("study", {"setup": one_of(SETUPS), "camera": _camera_file})

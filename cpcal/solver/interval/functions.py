@@ -4,8 +4,6 @@ Each means the hull of the function's values at those points of the interval whe
 none. They are composed of bounds at points (`elementary`) and of interval operations, so that they are as rigorous.
 """
 
-from __future__ import annotations
-
 import math
 
 from cpcal.solver.compiled import compiled

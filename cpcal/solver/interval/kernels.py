@@ -4,8 +4,6 @@ They mean what `Arithmetic` says of arrays. The empty interval is NaN in both bo
 a lower bound is never +inf, an upper one never -inf.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

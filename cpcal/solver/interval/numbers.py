@@ -23,7 +23,6 @@ from cpcal.solver.interval.operations import ADD, DIV, MUL, NEG, SQR, SQRT, SUB,
 
 Number: TypeAlias = int | float | Rational | SupportsFloat
 
-_PHI = 0.75 * 2.0**-52  # times a normal number, added to it: the next one (see `kernels`)
 _EXACT_INTEGERS = 2**53  # every integer up to here is a float64
 
 
@@ -148,12 +147,11 @@ class HasBounds:
             np.maximum(mid, self.lo, out=mid)  # halves of subnormal numbers round
             return np.minimum(mid, self.hi, out=mid)
         lo_infinite, hi_infinite = np.isinf(self.lo), np.isinf(self.hi)
-        biggest = np.finfo(np.float64).max
         with np.errstate(invalid="ignore"):
             mid = 0.5 * self.lo + 0.5 * self.hi
             mid = np.where(lo_infinite & hi_infinite, 0.0, mid)
-            mid = np.where(lo_infinite & ~hi_infinite, np.minimum(self.hi, -biggest), mid)
-            mid = np.where(hi_infinite & ~lo_infinite, np.maximum(self.lo, biggest), mid)
+            mid = np.where(lo_infinite & ~hi_infinite, np.minimum(self.hi, -kernels.MAX), mid)
+            mid = np.where(hi_infinite & ~lo_infinite, np.maximum(self.lo, kernels.MAX), mid)
             return np.clip(mid, self.lo, self.hi)
 
     @property
@@ -175,7 +173,7 @@ class HasBounds:
         with np.errstate(all="ignore"):
             width = self.hi - self.lo
             exact = (self.lo == 0.0) | (self.hi == 0.0)
-            return np.where(exact, width, width + np.abs(width) * _PHI)
+            return np.where(exact, width, width + np.abs(width) * kernels.PHI)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,6 @@ A encloses the derivatives with respect to the unknowns over X and M, B those wi
 Both come from one sweep from each element to its leaves.
 """
 
-from __future__ import annotations
-
 import math
 import operator
 from collections import Counter

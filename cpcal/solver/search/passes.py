@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from cpcal.common.values import ArrayLike, Floats, Ints, floats
+from cpcal.common.values import TINY, ArrayLike, Floats, Ints, floats
 from cpcal.solver.accounts import ContractorUse, Uses
 from cpcal.solver.contract import (
     Contraction,
@@ -300,7 +300,6 @@ class LargestFirst:
         return IntervalArray(lo, hi).width / self._scale
 
 
-_TINY = float(np.finfo(np.float64).tiny)
 _SIZE = 1_000_000  # derivatives that are held at a time
 
 
@@ -322,7 +321,7 @@ class Smear(LargestFirst):
         most = max(1, _SIZE // max(self._rows.count * lo.shape[1], 1))
         for some in (bounded[k : k + most] for k in range(0, len(bounded), most)):
             smear = np.abs(self._rows.jacobians(mids[some])) * widths[some][:, None]
-            total = np.maximum(smear.sum(axis=2, keepdims=True), _TINY)
+            total = np.maximum(smear.sum(axis=2, keepdims=True), TINY)
             found = np.nan_to_num((smear / total).sum(axis=1))
             varies = found.any(axis=1)
             scores[some[varies]] = found[varies]
