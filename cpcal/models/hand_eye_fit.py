@@ -289,8 +289,7 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
     if not study.uncertain and _LEAST_PIXEL < alone < rms / _APART:
         remarks.append(
             f"Single images fit to {nearest(alone, 2)} px rms, all together to {nearest(rms, 2)} px: the robot's poses "
-            "are off by more than the pixels. cpcal handeye certify --off estimated asks with exact poses, and with "
-            "poses that may be off."
+            "are off by more than the pixels. cpcal handeye certify --off estimated takes that into account."
         )
     free = dict(zip(GIVEN, places(at.frames)[0].tolist(), strict=True))
     at, covariance = _within_given(study, at, covariance, alone)
