@@ -161,7 +161,7 @@ def lattices(points: Floats, off: float = _OFF) -> Iterator[Lattice]:
     first."""
     count = min(_NEIGHBOURS + 1, len(points))
     near = np.asarray(cKDTree(points).query(points, count)[1])[:, 1:]
-    place = points @ [1.0, 1j]
+    place = points @ [1.0, 1j]  # as complex numbers
     arms = place[near] - place[:, None]
     length = np.abs(arms)
     apart = np.abs(arms[:, :, None] + arms[:, None]) / np.maximum(length, 1e-300)[:, :, None]
@@ -188,7 +188,7 @@ def lattices(points: Floats, off: float = _OFF) -> Iterator[Lattice]:
 def _grown_lattice(points: Floats, begun: Floats, off: float) -> Lattice | None:
     """What begins with a homography (3, 3) of two steps from a place, over more and more of the points."""
     to_nodes, nodes, members = floats(np.linalg.inv(begun)), np.empty(points.shape), np.empty(len(points), np.int64)
-    size = grown(points, off, to_nodes, nodes, members)
+    size = grown(np.array(points), off, to_nodes, nodes, members)  # not read-only
     if size < max(9, _PART * len(points)) or not abs(np.linalg.det(to_nodes)) > 1e-30:
         return None
     return Lattice(nodes[:size].astype(np.int64), floats(np.linalg.inv(to_nodes)), members[:size])
