@@ -70,7 +70,7 @@ class Noise:
             position, rotation, length = (np.broadcast_to(row, (count, row.shape[-1])) for row in rows)
         except ValueError as error:
             raise unusable("noise", str(error), "give (3,), (3,) and (n,), or one row each") from None
-        pose = np.concatenate([position, rotation], axis=1)
+        pose = np.hstack([position, rotation])
         return cls(pose[:, :, None] ** 2 * np.eye(pose.shape[1]), length)
 
     @classmethod

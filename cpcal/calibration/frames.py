@@ -103,7 +103,7 @@ def fitted_frames(fit: Fit, drawing: Robot, shared: Floats | None = None) -> tup
         motion = nearest_motion(x[:, part], drawn)
         turned = x[:, part] @ motion.rotation.T
         residual = drawn - turned - motion.position
-        columns = np.concatenate([np.tile(np.eye(3), (count, 1)), -cross_matrix(turned).reshape(-1, 3)], axis=1)
+        columns = np.hstack([np.tile(np.eye(3), (count, 1)), -cross_matrix(turned).reshape(-1, 3)])
         back = np.linalg.pinv(columns) @ np.kron(np.eye(count), motion.rotation)
         own = back @ blocks[:, part, :, part].reshape(3 * count, 3 * count) @ back.T
         own += np.diag(np.zeros(6) if shared is None else shared[k] ** 2)
@@ -126,7 +126,7 @@ def on_drawing(parameters: Floats, drawing: Robot) -> Floats:
         transformed(nearest_motion(parameters[:, columns], centres), parameters[:, columns])
         for columns, centres in ((slice(0, 3), drawing.base), (slice(3, 6), drawing.mobile))
     ]
-    return np.concatenate([*parts, parameters[:, 6:]], axis=1)
+    return np.hstack([*parts, parameters[:, 6:]])
 
 
 def on_drawing_errors(found: Fit, drawing: Robot) -> Floats:
@@ -255,7 +255,7 @@ def in_base_frame(campaign: Campaign) -> Campaign:
     sizes = np.zeros((len(lever), 6, 6))
     sizes[:, :3, :3] = sizes[:, 3:, 3:] = tracker.rotation
     sizes[:, :3, 3:] = cross_matrix(-lever) @ tracker.rotation
-    radius = np.concatenate([campaign.position_radius, campaign.rotation_radius], axis=1)
+    radius = np.hstack([campaign.position_radius, campaign.rotation_radius])
     radii = np.einsum("kij,kj->ki", np.abs(sizes) ** power, radius**power) ** (1.0 / power)
     declared = campaign.uncertainty
     if declared is not None:

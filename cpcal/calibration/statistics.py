@@ -70,7 +70,7 @@ def campaign_deviations(campaign: Campaign) -> Deviations:
     mean = mean_rotations(campaign.quaternion, group, len(names))[group]
     turned = turn_between(campaign.quaternion, mean)
     channels = (*AXES, *leg_columns(campaign.legs))
-    table = np.concatenate([campaign.position, turned, campaign.length], axis=1)
+    table = np.hstack([campaign.position, turned, campaign.length])
     return deviations(campaign.pose, table, channels, campaign.measurement_ids)
 
 
@@ -417,7 +417,7 @@ def repeat_tests(found: Repeatability, runs: Sequence[str]) -> Tests:
     count = len(spread.names)
     design = np.eye(len(names))[number, 1:]
     if len(names) > 1 and (design := design - group_means(design, spread.group, count)[spread.group]).any():
-        basis, values = linalg.orth(design), np.concatenate([spread.values, scaled], axis=1)
+        basis, values = linalg.orth(design), np.hstack([spread.values, scaled])
         between = basis.shape[1]
         rest = len(values) - count - between
         values -= group_means(values, spread.group, count)[spread.group]
@@ -481,7 +481,7 @@ def study_rows(table: PoseTable, robot: Robot, provenance: Mapping[str, str] | N
         else:  # poses row by row; leg readings run by run, as all images of a run hold the same ones
             of_runs, group = _run_means(rows, runs)
             legs = scores(campaign_deviations(of_runs))[group][:, 6:]
-            screening = screen(spread, np.concatenate([scores(spread)[:, :6], legs], axis=1))
+            screening = screen(spread, np.hstack([scores(spread)[:, :6], legs]))
     keep = np.ones(len(rows), np.bool_) if screening is None else screening.keep
     good = rows.rows(keep)
     averages, group = _run_means(good, runs[keep])

@@ -45,7 +45,7 @@ def toml_bytes(campaign: Campaign) -> bytes:
 
 def csv_bytes(campaign: Campaign) -> bytes:
     """The canonical measurements.csv; an override column is there only where some row needs it."""
-    radii = np.concatenate([campaign.position_radius, campaign.rotation_radius, campaign.length_radius], axis=1)
+    radii = np.hstack([campaign.position_radius, campaign.rotation_radius, campaign.length_radius])
     stated = 0.0 if campaign.uncertainty is None else campaign.uncertainty.half_widths
     own = np.where(radii != stated, radii, np.array(None)).T.tolist()
     widths = zip(override_columns(campaign.legs), own, strict=True)
@@ -56,7 +56,7 @@ def _rows(
     of: Campaign | PoseTable, image: Mapping[str, Sequence[str]], more: Mapping[str, Sequence[float | None]]
 ) -> bytes:
     """A CSV table of names, readings and `more` columns."""
-    values = np.concatenate([of.position, of.quaternion, of.length], axis=1).T.tolist()
+    values = np.hstack([of.position, of.quaternion, of.length]).T.tolist()
     names = {"pose": of.pose, "run": of.run, **image}
     columns = {**dict(zip(reading_columns(of.legs)[2:], values, strict=True)), **more}
     return csv_table([*names, *columns], zip(*names.values(), *columns.values(), strict=True))
@@ -328,7 +328,7 @@ def campaign_of_table(table: Table, settings: Settings) -> Campaign:
         if key in table.values:
             own = ~np.isnan(table.values[key])
             radii[own, column] = table.values[key][own]
-    numbers = np.concatenate([table.columns(*reading_columns(robot.legs)[2:]), radii], axis=1)
+    numbers = np.hstack([table.columns(*reading_columns(robot.legs)[2:]), radii])
     return Campaign(
         robot,
         tuple(table.names["pose"]),
@@ -389,7 +389,7 @@ def campaign_json(campaign: Campaign) -> bytes:
         "model": model and {"name": model.name, "half_widths": model.half_widths},
         "provenance": campaign.provenance,
     }
-    numbers = _texts(np.concatenate([getattr(campaign, name) for name in ARRAYS], axis=1))
+    numbers = _texts(np.hstack([getattr(campaign, name) for name in ARRAYS]))
     rows = [[pose, run, *row] for pose, run, row in zip(campaign.pose, campaign.run, numbers, strict=True)]
     lines = [f"{json.dumps(key)}: {json.dumps(_texts(value))}" for key, value in head.items()]
     table = ",\n  ".join(json.dumps(row, separators=(",", ":")) for row in rows)

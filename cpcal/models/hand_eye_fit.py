@@ -46,7 +46,7 @@ def places(frames: HandEyeFrames) -> tuple[Floats, Floats]:
     frames."""
     back, slope = frames.e_rotation.T, np.zeros((8, PARAMETERS))
     (camera, slope[3, :3]), (target, slope[7, 6:9]) = map(_tilt, (frames.e_rotation, frames.f_rotation))
-    slope[:3, :6] = -back @ np.concatenate([cross_matrix(frames.e_translation), np.eye(3)], axis=1)
+    slope[:3, :6] = -back @ np.hstack([cross_matrix(frames.e_translation), np.eye(3)])
     slope[4:7, 9:] = np.eye(3)
     return np.concatenate([-back @ frames.e_translation, [camera], frames.f_translation, [target]]), slope
 

@@ -424,8 +424,8 @@ def held_coordinates(campaign: Campaign) -> Places:
     if campaign.legs >= 6:
         return ()
     turned = turn_between(campaign.quaternion, _mean_orientation(campaign))
-    seen = np.concatenate([campaign.position, turned], axis=1)
-    radius = np.concatenate([campaign.position_radius, campaign.rotation_radius], axis=1).max(axis=0)
+    seen = np.hstack([campaign.position, turned])
+    radius = np.hstack([campaign.position_radius, campaign.rotation_radius]).max(axis=0)
     return tuple(np.flatnonzero(np.ptp(seen, axis=0) <= 2.0 * radius + 1e-6).tolist())
 
 

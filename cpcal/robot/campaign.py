@@ -510,7 +510,7 @@ _NAMED = 3  # pairs in a sentence
 
 def copied_rows(campaign: Campaign) -> str | None:
     """A sentence on rows that hold the same numbers as an earlier one; sensors never read the same twice."""
-    table = np.concatenate([campaign.position, campaign.quaternion, campaign.length], axis=1)
+    table = np.hstack([campaign.position, campaign.quaternion, campaign.length])
     whole = table.view(f"V{table.itemsize * table.shape[1]}")[:, 0]  # a row as one value: its bytes
     _, first, which = np.unique(whole, return_index=True, return_inverse=True)
     earlier = first[which]

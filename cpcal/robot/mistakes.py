@@ -76,7 +76,7 @@ def other_axes(given: Given) -> Variants:
             side = np.linalg.det(turn)
             kind = "left-handed" if side < 0 else "of other axes"
             name = f"the poses' frames are {kind}: the drawing's (x, y, z) are their ({axes})"
-            turned = np.concatenate([quaternion[:, :1], side * quaternion[:, 1:] @ turn.T], axis=1)
+            turned = np.hstack([quaternion[:, :1], side * quaternion[:, 1:] @ turn.T])
             yield name, given.posed(moved, turned)
 
 
@@ -221,7 +221,7 @@ def degrees_as_radians(given: Given) -> Variants:
     for _ in range(_NEWTON):
         gap = given.length - inverse_kinematics(given.robot, pose)
         step = np.einsum("kij,kj->ki", np.linalg.pinv(pose_jacobian(given.robot, pose)[..., 3:], rcond=1e-3), gap)
-        pose = pose.moved(np.concatenate([np.zeros_like(step), _short(step)], axis=1))
+        pose = pose.moved(np.hstack([np.zeros_like(step), _short(step)]))
     wanted = pose.quaternion
     for form in _TAKEN:
         angles, near = _angles(form, given.pose.quaternion), _angles(form, wanted)
@@ -639,7 +639,7 @@ def spread_of(campaign: Campaign) -> Spread:
         spare, ratio = _NORMAL * np.sqrt(count / max(count - 7, 1)), None
         if not campaign.exact and count >= _TOLD:
             factor = campaign.uncertainty.factor if campaign.uncertainty is not None else None
-            radii = np.concatenate([campaign.position_radius, campaign.rotation_radius], axis=1)[:, None]
+            radii = np.hstack([campaign.position_radius, campaign.rotation_radius])[:, None]
             square = np.sum((pose_jacobian(fit, given.pose) * radii) ** 2, axis=2) + campaign.length_radius**2
             stated = np.sqrt(square) / (factor or _UNIFORM)
             ratio = spare * np.median(residual / np.maximum(stated, TINY), axis=0)

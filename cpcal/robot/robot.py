@@ -62,7 +62,7 @@ class Robot(Value):
     @property
     def parameters(self) -> Floats:
         """(n, 7) mm: one row `a_x a_y a_z b_x b_y b_z l` a leg, as in the paper's tables."""
-        return np.concatenate([self.base, self.mobile, self.offset[:, None]], axis=1)
+        return np.hstack([self.base, self.mobile, self.offset[:, None]])
 
     @classmethod
     def from_parameters(cls, name: str, parameters: ArrayLike) -> Robot:

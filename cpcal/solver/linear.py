@@ -745,7 +745,7 @@ class Dense:
         linprog: Any = optimize.linprog  # typed for other arguments than these
         rows, n = self._columns.T, len(objective)
         bounds = np.stack([self._vertex.lower, self._vertex.upper], axis=1)
-        elastic = np.concatenate([rows, np.full((len(rows), 1), -1.0)], axis=1)
+        elastic = np.hstack([rows, np.full((len(rows), 1), -1.0)])
         programs = (
             (LinearStatus.OPTIMAL, objective, rows, bounds),
             (LinearStatus.INFEASIBLE, np.eye(n + 1)[n], elastic, np.concatenate([bounds, [[0.0, np.inf]]])),
