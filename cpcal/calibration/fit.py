@@ -11,7 +11,7 @@ import numpy as np
 from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import listed
 from cpcal.common.least_squares import least_squares
-from cpcal.common.values import ArrayLike, Bools, Floats, Names, Numbers, Places, floats, freeze
+from cpcal.common.values import ArrayLike, Bools, Floats, Names, Numbers, Places, all_finite, floats, freeze
 from cpcal.robot import Campaign, LegEquations, Robot, distances, forward_poses
 
 
@@ -54,7 +54,7 @@ class Noise:
         freeze(self, "pose", "length")
         pose, length = self.pose, self.length
         shaped = pose.ndim == 3 and pose.shape[1:] == (6, 6) and length.ndim == 2 and len(length) == len(pose)
-        good = np.isfinite(pose).all() and np.isfinite(length).all() and (length >= 0).all()
+        good = all_finite(pose) and all_finite(length) and (length >= 0).all()
         shapes = f"has the shapes {pose.shape} and {length.shape}"
         refuse(
             (not shaped, "noise", shapes, "give pose (N, 6, 6) and length (N, n)"),
@@ -285,7 +285,7 @@ class Fit:
         values = self.svd[1]
         said = f"Rank {self.rank} of {size}, condition {values[0] / values[-1]:.2g}"
         errors = self.standard_errors
-        if not np.isfinite(errors).all():
+        if not all_finite(errors):
             return f"{said}; no measurements are left to tell the parameters' errors from."
         leg, symbol = np.unravel_index(np.argmax(errors), errors.shape)
         return (
@@ -476,7 +476,7 @@ def pose_errors(campaign: Campaign, parameters: ArrayLike) -> tuple[Numbers, Num
     """How far the poses that parameters (n, 7) mm give for the campaign's leg readings are from its measured poses, on
     the assembly branch of these: (N,) mm and (N,) rad, nan where they do not converge. InputError for other shapes."""
     x = floats(parameters)
-    if x.shape != (campaign.legs, 7) or not np.isfinite(x).all():
+    if x.shape != (campaign.legs, 7) or not all_finite(x):
         what = f"have the shape {x.shape}, or a number that is not finite"
         raise unusable("parameters", what, f"give ({campaign.legs}, 7) finite numbers, mm")
     found, _ = forward_poses(Robot.from_parameters("", x), campaign.length, campaign.poses)

@@ -15,7 +15,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from cpcal.common.values import TINY, Floats
+from cpcal.common.values import TINY, Floats, all_finite
 
 T = TypeVar("T")
 
@@ -126,7 +126,7 @@ def least_squares(
             return Fit(at, now, True)
         while True:
             step = model.step(damping)
-            trial = moved(at, step) if np.isfinite(step).all() else None
+            trial = moved(at, step) if all_finite(step) else None
             new, after = (np.inf, found) if trial is None else costs(trial)
             size = float(np.linalg.norm(at)) if isinstance(at, np.ndarray) else 0.0
             small = float(np.linalg.norm(step)) < tolerance * (tolerance + size)

@@ -72,6 +72,11 @@ def floats(values: ArrayLike) -> Floats:
     return np.asarray(values, np.float64)
 
 
+def all_finite(values: ArrayLike) -> bool:
+    """Whether no number among them is infinite or NaN."""
+    return bool(np.isfinite(values).all())
+
+
 def norms(vectors: Floats) -> Floats:
     """Their Euclidean lengths, (..., n) -> (...)."""
     return np.asarray(np.linalg.norm(vectors, axis=-1))

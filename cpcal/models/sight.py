@@ -41,6 +41,7 @@ from cpcal.common.values import (
     Names,
     Places,
     Value,
+    all_finite,
     fill,
     floats,
     freeze,
@@ -130,7 +131,7 @@ class CameraSet(Value):
         freeze(self, "spread")
         model, spread = self.camera.model, self.spread
         other = f"pose sets are proved for the model {BROWN}: calibrate with it"
-        wrong = spread.ndim != 2 or len(spread) != _COUNT or not np.isfinite(spread).all()
+        wrong = spread.ndim != 2 or len(spread) != _COUNT or not all_finite(spread)
         what = f"has the shape {spread.shape}, or a number that is not finite"
         refuse(
             (model != BROWN, "camera", f"has a lens of the model {model}", other),
@@ -147,7 +148,7 @@ class CameraSet(Value):
         degrees of freedom: 5.0 is the root of 25.3). Raises InputError.
         """
         matrix = floats(covariance)
-        if matrix.shape != (_COUNT, _COUNT) or not np.isfinite(matrix).all() or not 0.0 < factor < np.inf:
+        if matrix.shape != (_COUNT, _COUNT) or not all_finite(matrix) or not 0.0 < factor < np.inf:
             remedy = "give (9, 9), as `cpcal image camera IMAGES` writes it, and a factor > 0"
             raise unusable("camera covariance", f"has the shape {matrix.shape}, factor {factor}", remedy)
         scale = np.sqrt(np.maximum(np.diagonal(matrix), 0.0))

@@ -19,7 +19,7 @@ from cpcal.common.codec import Document, Informed, checked
 from cpcal.common.errors import Problem, Problems, unusable
 from cpcal.common.files import StrPath
 from cpcal.common.numbers import about, bracket_text
-from cpcal.common.values import Floats, Indices, Names, Numbers, Places, floats, norms
+from cpcal.common.values import Floats, Indices, Names, Numbers, Places, all_finite, floats, norms
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.models import PLAIN, beyond_legs
@@ -247,7 +247,7 @@ def certify_accuracy(
     parts = [campaign.rows(only) for only in rows]
     found = [suggested_error(part, k + 1, far[k]) for k, part in enumerate(parts)]
     errors = np.broadcast_to([eps for eps, _ in found] if assume is None else assume, (campaign.legs,)).tolist()
-    if not np.isfinite(errors).all():
+    if not all_finite(errors):
         what = "leaves no residuals that would suggest a model error"
         raise unusable("run", what, "say what model error to assume: --assume MM")
     asked, assumed, enclosed = [], [], []

@@ -11,7 +11,7 @@ import numpy as np
 from cpcal.checker import Accepted
 from cpcal.common.errors import Problems, refuse, unusable
 from cpcal.common.files import StrPath
-from cpcal.common.values import ArrayLike, Names, Numbers, floats
+from cpcal.common.values import ArrayLike, Names, Numbers, all_finite, floats
 from cpcal.files import campaign_sha256
 from cpcal.files.folders import keep_beside
 from cpcal.files.run_folder import FITTED, answers_into
@@ -73,7 +73,7 @@ def certify_point(
         )
     problems.raise_any()
     names = corrected.parameters
-    misfit, what = x.shape != (len(names),) or not np.isfinite(x).all(), f"{len(names)} finite numbers"
+    misfit, what = x.shape != (len(names),) or not all_finite(x), f"{len(names)} finite numbers"
     custom = certificate is not None and not built_in(corrected)
     refuse(
         (misfit, "point", f"a point of the {corrected.name} model is {what}", f"give {', '.join(names)}"),

@@ -11,13 +11,11 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
-
 from cpcal.common.codec import INFORMATION, Document, Informed, checked
 from cpcal.common.errors import printable, refuse, unusable
 from cpcal.common.files import StrPath
 from cpcal.common.numbers import stated
-from cpcal.common.values import Names, Numbers, Places
+from cpcal.common.values import Names, Numbers, Places, all_finite
 from cpcal.files.folders import CAMPAIGN_NAME, campaign_sha256, save_campaign_json
 from cpcal.models import BUILT_IN, PARAMETERS, PLAIN, LegModel, Parameter, leg_model, model_name_problem
 from cpcal.robot import Campaign
@@ -157,7 +155,7 @@ class Ranges:
     def __post_init__(self) -> None:
         if not 0.0 <= self.eps < math.inf:
             raise ValueError("eps of the ranges is no tolerance")
-        if not np.isfinite(self.box.width).all():
+        if not all_finite(self.box.width):
             raise ValueError("the ranges are empty, or not finite")
 
 

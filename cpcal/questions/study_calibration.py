@@ -27,7 +27,7 @@ from cpcal.calibration.statistics import (
 from cpcal.common.codec import Document
 from cpcal.common.errors import refuse
 from cpcal.common.numbers import about
-from cpcal.common.values import Floats, Names, Numbers
+from cpcal.common.values import Floats, Names, Numbers, all_finite
 from cpcal.files import campaign_sha256
 from cpcal.robot import Campaign, Robot, Study, inverse
 
@@ -230,7 +230,7 @@ class Parameters:
         parts = (self.values, self.standard_errors, self.drawn, self.drawn_errors)
         if any(len(part) != len(self.values) or any(len(row) != 7 for row in part) for part in parts):
             raise ValueError("a fit is not seven numbers a leg, each with its standard error")
-        if not np.isfinite((self.values, self.drawn)).all():
+        if not all_finite((self.values, self.drawn)):
             raise ValueError("a fit is not finite")
 
     @classmethod

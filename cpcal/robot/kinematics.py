@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cpcal.common.errors import CpcalError, unusable
-from cpcal.common.values import TINY, ArrayLike, Bools, ByValue, Floats, floats, norms
+from cpcal.common.values import TINY, ArrayLike, Bools, ByValue, Floats, all_finite, floats, norms
 from cpcal.robot.robot import Robot
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -206,7 +206,7 @@ def forward_poses(robot: Robot, readings: ArrayLike, guess: Pose) -> tuple[Pose,
     if robot.legs < 6:
         raise KinematicsError(f"{robot.legs} legs do not determine a pose: forward kinematics needs at least 6")
     asked = floats(readings)
-    if asked.ndim == 0 or asked.shape[-1] != robot.legs or not np.isfinite(asked).all():
+    if asked.ndim == 0 or asked.shape[-1] != robot.legs or not all_finite(asked):
         raise KinematicsError(f"readings of shape {asked.shape}: expected finite numbers, (..., {robot.legs})")
     shape, target = asked.shape[:-1], asked.reshape(-1, robot.legs)
     start = Pose(
@@ -336,7 +336,7 @@ def calibrate_frames(robot_poses: Pose, camera_poses: Pose) -> FrameCalibration:
     pairs = {"robot_poses": robot_poses, "camera_poses": camera_poses}
     for name, pose in pairs.items():
         table = np.concatenate([pose.position, pose.quaternion], axis=-1)
-        good = table.ndim == 2 and table.shape[1] == 7 and np.isfinite(table).all()
+        good = table.ndim == 2 and table.shape[1] == 7 and all_finite(table)
         if not (good and pose.quaternion.any(axis=1).all()):
             what = "are no poses, or hold a NaN, an infinity or a zero quaternion"
             raise unusable(name, what, "give (N, 3) in mm and (N, 4), scalar first")

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cpcal.common.numbers import about
-from cpcal.common.values import TINY, Floats, Names, norms
+from cpcal.common.values import TINY, Floats, Names, all_finite, norms
 from cpcal.robot.campaign import Campaign, Given
 from cpcal.robot.kinematics import (
     KinematicsError,
@@ -151,7 +151,7 @@ def other_order(given: Given) -> Variants:
     nominal = given.nominal
     wanted = nominal - given.robot.offset
     cost = np.median(np.abs(wanted[:, :, None] - given.length[:, None, :]) / nominal[:, :, None], axis=0)
-    if not np.isfinite(cost).all():
+    if not all_finite(cost):
         return
     column = cost.argmin(axis=1)
     if len(set(column.tolist())) < len(column):  # two legs want the same one
@@ -171,7 +171,7 @@ def counts(given: Given) -> Variants:
     centred = given.length - middle
     slope = np.sum(centred * (wanted - wanted.mean(axis=0)), axis=0) / np.sum(centred**2, axis=0)
     scale = float(np.median(slope))
-    if not (np.isfinite(slope).all() and scale and (np.abs(slope / scale - 1.0) < _SAME).all()):
+    if not (all_finite(slope) and scale and (np.abs(slope / scale - 1.0) < _SAME).all()):
         return
     start = wanted.mean(axis=0) - slope * middle  # of the lines that take readings to lengths, by least squares
     if abs(abs(scale) - 1.0) > _SAME:  # or it is mm, with another zero or sign

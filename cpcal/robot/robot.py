@@ -10,7 +10,7 @@ import numpy as np
 
 from cpcal.common.errors import Problems, shown, unusable
 from cpcal.common.files import NAME_MAX, NAME_REMEDY, is_text
-from cpcal.common.values import LARGEST, ArrayLike, Bools, Floats, Value, floats, freeze
+from cpcal.common.values import LARGEST, ArrayLike, Bools, Floats, Value, all_finite, floats, freeze
 
 
 def good_numbers(values: ArrayLike, least: float = -LARGEST) -> Bools:
@@ -144,7 +144,7 @@ class PoseRange(Value):
     def __post_init__(self) -> None:
         freeze(self, "low", "high", "turn")
         bounds = self.bounds if all(a.shape == (3,) for a in (self.low, self.high, self.turn)) else None
-        if bounds is None or not np.isfinite(bounds).all() or (bounds[0] > bounds[1]).any():
+        if bounds is None or not all_finite(bounds) or (bounds[0] > bounds[1]).any():
             remedy = "give low <= high (3,) in mm and turn >= 0 (3,) in rad"
             raise unusable("workspace", "is no box of poses", remedy)
 

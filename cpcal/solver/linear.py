@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common.values import Bools, Floats, Indices
+from cpcal.common.values import Bools, Floats, Indices, all_finite
 from cpcal.solver.compiled import compiled
 from cpcal.solver.contract import Contraction, Row, Step, StepWeights
 from cpcal.solver.interval import Box, IntervalArray
@@ -750,7 +750,7 @@ class Dense:
             (LinearStatus.OPTIMAL, objective, rows, bounds),
             (LinearStatus.INFEASIBLE, np.eye(n + 1)[n], elastic, np.concatenate([bounds, [[0.0, np.inf]]])),
         )
-        for status, cost, matrix, reach in programs if np.isfinite(rows).all() and np.isfinite(self._rhs).all() else ():
+        for status, cost, matrix, reach in programs if all_finite(rows) and all_finite(self._rhs) else ():
             options = {"presolve": False, "maxiter": _PIVOTS * n}  # a program that cycles is lost
             found = linprog(cost, A_ub=matrix, b_ub=self._rhs, bounds=reach, method="highs", options=options)
             if found.status == 0:

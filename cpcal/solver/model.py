@@ -22,7 +22,7 @@ from cpcal.common import numbers
 from cpcal.common.errors import ModelError
 from cpcal.common.files import StrPath, listed
 from cpcal.common.numbers import stated
-from cpcal.common.values import ArrayLike, Floats, Names
+from cpcal.common.values import ArrayLike, Floats, Names, all_finite
 from cpcal.solver import plugins
 from cpcal.solver.accounts import row_use
 from cpcal.solver.certificate.exact_network import ExactPolynomials, NotStated, network_statement
@@ -500,7 +500,7 @@ class Network(ConstraintNetwork):
             first = None
             if start is not None:
                 count, (first, _) = len(self.names), float_bounds(start)
-                if first.shape != (count,) or not np.isfinite(first).all():
+                if first.shape != (count,) or not all_finite(first):
                     raise ModelError(
                         f"start={start!r} is no point: give {count} finite numbers, in the order of `names`"
                     )

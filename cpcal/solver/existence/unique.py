@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cpcal.common.errors import ModelError
-from cpcal.common.values import Bools, Floats, Indices, floats
+from cpcal.common.values import Bools, Floats, Indices, all_finite, floats
 from cpcal.solver.existence.operators import Equalities, inside, newton_all
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape, rows_tape
@@ -227,7 +227,7 @@ class UniquenessProver:
                 return None
             new = point.copy()
             new[columns] -= step
-            if not np.isfinite(new).all() or (np.abs(new - box.mid) > reach).any():
+            if not all_finite(new) or (np.abs(new - box.mid) > reach).any():
                 return box.mid if wide else None
             done = bool((np.abs(new - point) <= np.spacing(np.abs(point))).all())
             point = new

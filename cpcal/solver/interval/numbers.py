@@ -16,7 +16,7 @@ import numpy as np
 
 from cpcal.common.errors import ModelError
 from cpcal.common.numbers import rounded_down, rounded_up
-from cpcal.common.values import ArrayLike, Bools, Floats, Shape, fill, floats
+from cpcal.common.values import ArrayLike, Bools, Floats, Shape, all_finite, fill, floats
 from cpcal.solver.compiled import in_python
 from cpcal.solver.interval import kernels
 from cpcal.solver.interval.operations import ADD, DIV, MUL, NEG, SQR, SQRT, SUB, elementwise, products, totals
@@ -142,7 +142,7 @@ class HasBounds:
     @property
     def mid(self) -> Floats:
         """A finite float64 in each interval, near its middle (NaN where empty)."""
-        if np.isfinite(self.lo).all() and np.isfinite(self.hi).all():
+        if all_finite(self.lo) and all_finite(self.hi):
             mid = np.asarray(0.5 * self.lo + 0.5 * self.hi)
             np.maximum(mid, self.lo, out=mid)  # halves of subnormal numbers round
             return np.minimum(mid, self.hi, out=mid)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common.values import Floats, Indices, floats
+from cpcal.common.values import Floats, Indices, all_finite, floats
 from cpcal.solver.contract import Limits
 from cpcal.solver.existence.unique import reads
 from cpcal.solver.interval import Box
@@ -208,7 +208,7 @@ class LocalSearch:
             size = np.maximum(np.abs(equal).sum(axis=1), 1e-300)
             system = np.concatenate([equal / size[:, None], (matrix / sizes[:, None])[broken]])
             need = np.concatenate([value / size, missing[broken]])
-            if not (np.isfinite(system).all() and np.isfinite(need).all()):
+            if not (all_finite(system) and all_finite(need)):
                 return None
             step = np.clip(-np.linalg.lstsq(system, need, rcond=None)[0], -_REACH, _REACH)
             point = np.clip(point + step * scale, self._domain.lo, self._domain.hi)
@@ -261,7 +261,7 @@ class LocalSearch:
             except (ValueError, np.linalg.LinAlgError):
                 return None
         point = np.asarray(last * scale)
-        return np.clip(point, self._domain.lo, self._domain.hi) if np.isfinite(point).all() else None
+        return np.clip(point, self._domain.lo, self._domain.hi) if all_finite(point) else None
 
 
 class _LateError(Exception):

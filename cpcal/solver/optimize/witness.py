@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common.values import ArrayLike, Bools, Floats, Indices, Places, floats
+from cpcal.common.values import ArrayLike, Bools, Floats, Indices, Places, all_finite, floats
 from cpcal.solver.existence.operators import Equalities
 from cpcal.solver.existence.unique import (
     ReadingConstraint,
@@ -99,7 +99,7 @@ class Equations:
         with np.errstate(all="ignore"):
             room = np.minimum(np.minimum(point - lo, hi - point), _WIDEST * np.maximum(np.abs(point), 1.0))
             scaled = jacobian * np.where(free, room, 0.0)
-        if len(rows) > len(point) or not np.isfinite(scaled).all():
+        if len(rows) > len(point) or not all_finite(scaled):
             return None
         from scipy import linalg  # here: it takes a third of a second to load
 
@@ -150,7 +150,7 @@ class WitnessProver:
         The objective component of `point` is only where the search for it begins.
         """
         candidate = np.clip(point, self._domain.lo, self._domain.hi)
-        if not np.isfinite(candidate).all():
+        if not all_finite(candidate):
             return None
         found = self._raised(self._plain, IntervalArray.point(candidate), candidate)
         if found is not None or not self.equations.count:
