@@ -2,7 +2,9 @@
 
 1. `image`: the board's pose in single images, from their pixels alone. No frames and no robot enter.
 2. `links`: poses of images and frames together, tied by the robot's poses and what these may be off.
-3. `frames`: the pixels of all images and the frames, where the robot's poses are exact.
+3. `places`: the pixels of the board's middle and the frames but for the target's turn, which they do not depend on,
+   where the robot's poses are exact. Its programs are small: the camera's turn may be halved often.
+4. `frames`: the pixels of all images and the frames, where the robot's poses are exact.
 
 The checker derives the rows from the study (`cpcal.checker.frames`); here the same numbers become arrays for linear
 programs, and what these propose is proved by the checker's rule.
@@ -35,9 +37,9 @@ Tell = Callable[[str], None]
 _ROTATIONS = (*R_X, *R_F)
 _SPREAD, _UNCERTAIN = 9, 24  # images whose poses are bounded: where the robot's poses are exact, and where not
 _FEWEST = 3
-_BOXES = 64
+_BOXES = 256
 COARSE = 0.5  # an entry of a rotation's matrix that is wider leaves its turn open
-_GAIN = {"image": 0.05, "links": 0.1, "frames": 0.05}  # share of the widths that a pass must take away
+_GAIN = {"image": 0.05, "links": 0.1, "places": 0.05, "frames": 0.05}  # share of the widths that a pass must take away
 
 
 @dataclass(frozen=True)
@@ -145,8 +147,10 @@ class Prover:
         self.study, self.tell = study, tell
         self.exact = exact_study(study)
         self.digest = sha256(study_json(study)).hexdigest()
-        # the origins: where the board's centre is in the mean of the images, and the centre of the board
-        middle = 0.5 * (study.points.min(axis=0) + study.points.max(axis=0))
+        # the origins: a point in the middle of the board, so that its pixels say nothing of the target's turn, and
+        # where it is in the mean of the images
+        off = study.points - 0.5 * (study.points.min(axis=0) + study.points.max(axis=0))
+        middle = study.points[np.argmin(np.square(off).sum(axis=1).round(6))]
         turn, shift = study.motions()
         mean = (turn @ (near.f_rotation @ middle + near.f_translation) + shift).mean(axis=0)
         self.hand, self.board = exact(np.round(mean * 8.0) / 8.0), exact(middle)
@@ -195,6 +199,8 @@ class Prover:
         if sets or uncertain:
             linked = name if uncertain else f"{name}-links"
             before = self._proof(linked, "links", before, eps, sorted(sets) or images, end)
+        if before.open and not uncertain:
+            before = self._proof(f"{name}-places", "places", before, eps, images, end, _BOXES, COARSE)
         if before.refuted or uncertain:
             return before
         return self._proof(name, "frames", before, eps, images, end)
@@ -205,7 +211,8 @@ class Prover:
     ) -> Proof:  # fmt: skip
         """One stage, in the box and with the poses of images that a proof before it left."""
         assert before.left is not None
-        rows = Rows(self.exact, stage, images, F(eps), self.hand, self.board, before.sets, before.left)
+        of = "frames" if stage == "places" else stage
+        rows = Rows(self.exact, of, images, F(eps), self.hand, self.board, before.sets, before.left)
 
         def lifted(i: int, j: int) -> bool:
             """Poses of images are known so well that their products with the frames' rotations need no columns."""
@@ -220,13 +227,15 @@ class Prover:
         columns: dict[str, tuple[Sequence[int], ...]] = {
             "image": (range(12), range(9)),
             "links": ((*_ROTATIONS, *T_X, *E_, *F_), _ROTATIONS, T_F),
+            "places": ((*R_X, *E_, *F_), R_X),
             "frames": ((*_ROTATIONS, *E_, *F_), _ROTATIONS, (*T_F, *T_X)),
         }
         gain = _GAIN[stage] * (2.0 if coarse else 1.0)  # in many boxes a pass must pay more
-        descent = Descent(System(rows, lifted, *columns[stage]), gain, boxes, coarse, end=end, tell=say)
-        found = descent.over(rows.root)
+        without = R_F if stage == "places" else ()
+        system = System(rows, lifted, *columns[stage], without=without)
+        found = Descent(system, gain, boxes, coarse, end=end, tell=say).over(rows.root)
         header = {
-            "format": FORMAT, "study": self.digest, "stage": stage, "images": list(images), "eps": number(eps),
+            "format": FORMAT, "study": self.digest, "stage": of, "images": list(images), "eps": number(eps),
             "asked": self.asked, "after": before.certificate, "poses": list(before.poses),
         }  # fmt: skip
         file = f"{name}.cert.jsonl" if found.steps or stage != "image" else None

@@ -175,7 +175,7 @@ def test_weights_that_one_wrong_dot_could_spoil_are_refused(robust: Path, tmp_pa
 
 
 def test_an_edited_weight_or_a_missing_certificate_is_refused(certified: Path, tmp_path: Path) -> None:
-    half = put("bounds", 0, 3, "rows", 0, 1, to=lambda weight: weight // 2)
+    half = put("bounds", 0, 3, "rows", to=lambda rows: [[row, weight // 2] for row, weight in rows])
     assert PROVES.split("|")[0] in edited(certified, tmp_path, 3, 2, half)
     (tmp_path / f"{NAME}.2.cert.jsonl").unlink()
     assert f"{NAME}.2" in str(check_pose_sets(tmp_path)[0].refused)

@@ -271,18 +271,20 @@ def _within_limits(tried: Callable[[], T]) -> T | None:
 #
 # In the coordinates u of a box a row is linear but for products u_i u_j. A product is either a column of the programs,
 # tied to its factors by the bound products (McCormick, and tangents of a square), or it is bounded by its coefficient.
-# Programs without columns take a millisecond and do for narrow boxes; those with columns contract boxes of all
-# rotations.
+# Programs with columns for the products that count take a tenth of the time and do for most boxes (narrow ones need
+# none); those with all columns contract boxes of all rotations.
 
 _WORTH = 0.02  # of a half-width: what a bound must gain to be kept, or twice the loss
 _CORNERS = [(p, q) for p in (1.0, -1.0) for q in (1.0, -1.0)]
 _TANGENTS = [(p, p) for p in (1.0, 2.0, -2.0, -1.0)]  # (1 + p u)^2, the square of the distance from -1 / p
 _FEW_BITS = (14, 24, 40)
-_NARROW = 0.15  # half-width of a rotation's entries below which programs without columns are tried
-_PAYS = 0.7  # median share of the widths that programs without columns must leave, or less
-_NEGLIGIBLE = 0.003  # half-widths: programs that give away no more of products need no columns
+_COARSELY = 0.02  # share of a row's largest coefficient: products below it are given away at first
+_PAYS = 0.7  # median share of the widths that programs with few columns must leave, or less
+_NEGLIGIBLE = 0.003  # half-widths: programs that give away no more of products need no more columns
 _PASSES = 80
-_VAIN = 2  # halvings in a row after which passes gain little: the next one would hardly help
+_WIDE = 1.0  # of an entry of a rotation: too wide for columns of all products where boxes are halved
+_VAIN = 5  # halvings in a row after which passes gain little: the next one would hardly help
+_NOTHING = 1e-99  # coefficients below it are none
 _NOISE = 2e-15  # of rounding, as a share of the sum of a row's terms
 
 
@@ -293,19 +295,20 @@ class System:
     lifted   which products may be columns
     asked    the unknowns that are bounded; `derived`: those that are once, at the end, and say nothing of the others
     turns    the unknowns that are entries of rotations
+    without  unknowns whose rows are left out
     wrong    so many of what rows are of may be wrong, as `owner` says by side and number
     """
 
     def __init__(
         self, rows: frames.Rows | sight.Rows, lifted: Callable[[int, int], bool], asked: Sequence[int],
-        turns: Sequence[int], derived: Sequence[int] = (), *,
+        turns: Sequence[int], derived: Sequence[int] = (), *, without: Sequence[int] = (),
         wrong: int = 0, owner: Callable[[str, int], int | None] = lambda side, k: None,
     ) -> None:  # fmt: skip
         self.problem, self.asked, self.turns, self.derived = rows.problem(free), asked, list(turns), derived
-        self.tags, self.wrong = list(rows.tags), wrong
+        every, left_out = [(tag, rows.row(*tag)) for tag in rows.tags], set(without)
+        kept = [(tag, terms) for tag, terms in every if not any(left_out.intersection(m) for m in terms)]
+        self.tags, self.wrong, table, size = [tag for tag, _ in kept], wrong, [terms for _, terms in kept], rows.size
         self.owner = [owner(*tag) for tag in self.tags]
-        size = rows.size
-        table = [rows.row(*tag) for tag in self.tags]
         products = sorted({m for terms in table for m in terms if len(m) > 1})
         place = {m: k for k, m in enumerate([(), *((i,) for i in range(size)), *products])}
         values = np.zeros((len(table), len(place)))
@@ -336,21 +339,23 @@ class System:
 class _Programs:
     """The linear programs of a system on one box, with some of its rows, and columns for some products."""
 
-    def __init__(self, system: System, center: Floats, radius: Floats, columns: Bools, rows: Bools) -> None:
+    def __init__(self, system: System, center: Floats, radius: Floats, share: float, rows: Bools) -> None:
         constant, linear, products = system.centred(center, radius)
         products[~rows], linear[~rows] = 0.0, 0.0
-        chosen = np.flatnonzero(columns & products.any(axis=0))
-        beside = np.where(system.square, np.maximum(-products, 0.0), np.abs(products))
+        size = np.abs(products)
+        least = share * np.abs(np.concatenate([linear, products], axis=1)).max(axis=1, keepdims=True)
+        chosen = np.flatnonzero(system.lifted & (size > least).any(axis=0))
+        beside = np.where(system.square, np.maximum(-products, 0.0), size)
         beside[:, chosen] = 0.0
         given_away = beside.sum(axis=1)
         matrix, rhs = np.concatenate([linear, products[:, chosen]], axis=1), given_away - constant
         scale = np.abs(matrix).max(axis=1)
-        kept = np.flatnonzero((scale > 0.0) & (np.abs(matrix).sum(axis=1) > rhs))
+        kept = np.flatnonzero((scale > _NOTHING) & (np.abs(matrix).sum(axis=1) > rhs))
         self._numbers, self._scale = kept.tolist(), scale[kept]
         self.given_away = float((given_away[kept] / self._scale).max(initial=0.0))  # of products, at most, in u
-        size, self.width = len(center), matrix.shape[1]
+        first, self.width = len(center), matrix.shape[1]
         # (1 + p u_i) (1 + q u_j) >= 0 ties the column of a product to its factors
-        pairs = enumerate(system.pairs[chosen].tolist(), start=size)
+        pairs = enumerate(system.pairs[chosen].tolist(), start=first)
         bounds = [(k, i, j, *pq) for k, (i, j) in pairs for pq in (_TANGENTS if i == j else _CORNERS)]
         above = np.zeros((len(bounds), self.width))
         for row, (k, i, j, p, q) in zip(above, bounds, strict=True):
@@ -359,7 +364,7 @@ class _Programs:
             row[k] = -p * q
         self._bounds = bounds
         lower = -np.ones(self.width)
-        lower[size:][system.square[chosen]] = 0.0
+        lower[first:][system.square[chosen]] = 0.0
         self.engine = Dense(
             np.concatenate([above, matrix[kept] / self._scale[:, None]]),
             np.concatenate([np.ones(len(bounds)), rhs[kept] / self._scale]),
@@ -438,12 +443,11 @@ class Descent:
             if box is None:
                 continue
             vain = vain + 1 if self._gained_little(whole, box) else 0
-            widths = {k: box.hi[k] - box.lo[k] for k in system.turns}
-            i = max(system.turns, key=widths.__getitem__)
+            i, width = self._widest(box)
             full = fresh + 1 > 2 * self.boxes - 2 or time.monotonic() > self.end
-            if full or vain > _VAIN or widths[i] < self.coarse:
+            if full or vain > _VAIN or width < self.coarse:
                 if system.derived and steps:
-                    box, _ = self._once_over(name, box, system.lifted, system.derived)
+                    box, _ = self._once_over(name, box, 0.0, system.derived)
                 left += [] if box is None else [box]
                 if left and not self.coarse:
                     break
@@ -474,23 +478,27 @@ class Descent:
         return box
 
     def _best(self, name: int, box: ExactBox) -> ExactBox | None:
-        """Without columns of products where that is worth a try, and with them where it gained too little."""
-        system = self.system
-        if max(box.hi[k] - box.lo[k] for k in system.turns) < 2.0 * _NARROW:
-            left, given_away = self._once_over(name, box, np.zeros_like(system.lifted), system.asked)
-            if left is None or given_away < _NEGLIGIBLE or np.median(_shares(box, left, system.asked)) <= _PAYS:
-                return left
-            box = left
-        return self._once_over(name, box, system.lifted, system.asked)[0]
+        """With columns of a few products, and of all where that gained too little; but a box that is halved anyway, and
+        wide, is not worth that."""
+        asked = self.system.asked
+        left, given_away = self._once_over(name, box, _COARSELY, asked)
+        if left is None or given_away < _NEGLIGIBLE or np.median(_shares(box, left, asked)) <= _PAYS:
+            return left
+        if self.boxes > 1 and self._widest(left)[1] > _WIDE:
+            return left
+        return self._once_over(name, left, 0.0, asked)[0]
 
-    def _once_over(
-        self, name: int, box: ExactBox, columns: Bools, asked: Sequence[int]
-    ) -> tuple[ExactBox | None, float]:
+    def _widest(self, box: ExactBox) -> tuple[int, F]:
+        """The entry of a rotation that is known least, and how wide it is."""
+        widths = [(k, F(box.hi[k] - box.lo[k])) for k in self.system.turns]
+        return max(widths, key=itemgetter(1))
+
+    def _once_over(self, name: int, box: ExactBox, share: float, asked: Sequence[int]) -> tuple[ExactBox | None, float]:
         """Two programs for each unknown that is asked for; what is proved of them is a step.
 
         And what the programs gave away of products, at most, in half-widths.
         """
-        step = _Pass(self.system, box, columns, asked is self.system.derived)
+        step = _Pass(self.system, box, share, asked is self.system.derived)
         left = step.left(asked, self.loss)
         self.found.programs += step.programs
         record = _record(step.rows, name, None, step.exclusion, step.bounds, families=self.system.wrong > 0)
@@ -505,8 +513,8 @@ class _Pass:
     every one that the first rests on, so that some proof holds whichever are wrong.
     """
 
-    def __init__(self, system: System, box: ExactBox, columns: Bools, every: bool) -> None:
-        self._system, self._box, self._columns = system, box, columns
+    def __init__(self, system: System, box: ExactBox, share: float, every: bool) -> None:
+        self._system, self._box, self._share = system, box, share
         lo, hi = np.array(box.lo, np.float64), np.array(box.hi, np.float64)
         self._center, self._radius = 0.5 * (lo + hi), 0.5 * (hi - lo)
         self._main = system.main | every
@@ -556,7 +564,7 @@ class _Pass:
         def programs(without: frozenset[int]) -> _Programs:
             if without not in known:
                 right = np.array([owner not in without for owner in system.owner], np.bool_)
-                known[without] = _Programs(system, self._center, self._radius, self._columns, self._main & right)
+                known[without] = _Programs(system, self._center, self._radius, self._share, self._main & right)
             return known[without]
 
         def family(i: int, solution: LinearSolution, without: frozenset[int], wrong: int) -> list[Proposed] | None:
