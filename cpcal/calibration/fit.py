@@ -11,7 +11,7 @@ import numpy as np
 from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import listed
 from cpcal.common.least_squares import least_squares
-from cpcal.common.values import ArrayLike, Bools, Floats, Names, Numbers, Places, all_finite, floats, freeze
+from cpcal.common.values import ArrayLike, Bools, Floats, Names, Numbers, Pair, Places, all_finite, floats, freeze
 from cpcal.robot import Campaign, LegEquations, Robot, distances, forward_poses
 
 
@@ -110,7 +110,7 @@ def whitening(sigma: Floats) -> Floats:
     return np.asarray(np.linalg.solve(factor, np.eye(sigma.shape[1]) / deviation[:, :, None]))
 
 
-def chances(square: float, freedom: float, known: float) -> tuple[float, float]:
+def chances(square: float, freedom: float, known: float) -> Pair:
     """Of so small, and so large, a sum of squares in standard deviations known with so many degrees of freedom."""
     from scipy import special  # here: it takes a third of a second to load
 
@@ -419,7 +419,7 @@ class Validation:
     names: Names
     position: tuple[Numbers, Numbers]
     orientation: tuple[Numbers, Numbers]
-    floor: tuple[float, float] | None = None
+    floor: Pair | None = None
 
     def __post_init__(self) -> None:
         """Raises ValueError for columns that differ in length."""

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from cpcal.calibration.fit import Noise
 from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import listed
-from cpcal.common.values import ArrayLike, Bools, Floats, Ints, Names, Places, floats, frozen_array
+from cpcal.common.values import ArrayLike, ArrayPair, Bools, Floats, Ints, Names, Places, floats, frozen_array
 from cpcal.robot import Campaign, LegEquations, PoseTable, Robot, Uncertainty, turn_between
 from cpcal.robot.units import AXES, leg_columns
 
@@ -359,7 +359,7 @@ def repeatability(campaign: Campaign) -> Repeatability:
     )
 
 
-def _camera_and_sensors(by_pose: Floats, equations: Floats, spread: Deviations) -> tuple[Floats, Floats]:
+def _camera_and_sensors(by_pose: Floats, equations: Floats, spread: Deviations) -> ArrayPair:
     """The camera's covariance (6, 6) and the variances (n,) of the sensors, of what is free of the robot's motion."""
     scale, (rows, columns), still = spread.sigma, np.triu_indices(6), np.eye(by_pose.shape[1])
     scatter = np.zeros((len(by_pose), *still.shape))

@@ -165,7 +165,7 @@ class _Seen:
 
     forms: tuple[Form, ...]
     off: Bounds
-    planes: tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]
+    planes: tuple[tuple[Places, Places], ...]
 
 
 class Rows:
@@ -244,7 +244,7 @@ class Rows:
         x = [at[0] / depth, at[1] / depth]
         return minus(dot.pixels, cameras.bias(x, sight.radius / depth, [row[2] for row in self._held]))
 
-    def _planes(self, pixels: Vector, ray: tuple[F, F]) -> tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]:
+    def _planes(self, pixels: Vector, ray: tuple[F, F]) -> tuple[tuple[Places, Places], ...]:
         """g . X + Z k . t <= 0 for all points X whose pixel is in the box, by side."""
         one, found = self.sight.cameras.linear(pixels, ray), []
         for k in range(2):

@@ -15,7 +15,7 @@ from cpcal.common.documents import toml_text
 from cpcal.common.errors import printable, unusable
 from cpcal.common.files import write_file
 from cpcal.common.numbers import at_least, bracket_text, rounded_down, rounded_up
-from cpcal.common.values import Floats
+from cpcal.common.values import ArrayPair, Floats
 from cpcal.files import load_campaign, load_campaign_json, save_campaign_json
 from cpcal.files.run_folder import ACCURACY, HANDEYE
 from cpcal.files.tables import load_poses
@@ -123,15 +123,15 @@ _ROUNDING = 1e-9  # mm, more than moving a box in float64 can lose
 class DrawingFrames(NamedTuple):
     """Camera in the base frame and target in the mobile frame: rotations (3, 3) and positions (3,), mm."""
 
-    camera: tuple[Floats, Floats]
-    target: tuple[Floats, Floats]
+    camera: ArrayPair
+    target: ArrayPair
 
     def point(self, x: Floats) -> Floats:
         """Parameters (n,); those of the model, after l, stay."""
         (turn, at), (other, there) = self.camera, self.target
         return np.concatenate([turn @ x[:3] + at, other @ x[3:6] + there, x[6:]])
 
-    def box(self, lo: Floats, hi: Floats) -> tuple[Floats, Floats]:
+    def box(self, lo: Floats, hi: Floats) -> ArrayPair:
         """A box that holds all parameters of the box `lo`, `hi` (n,)."""
         middle, half = self.point(0.5 * (lo + hi)), 0.5 * (hi - lo)
         (turn, _), (other, _) = self.camera, self.target

@@ -15,7 +15,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from cpcal.common.values import TINY, Floats, all_finite
+from cpcal.common.values import TINY, ArrayPair, Floats, all_finite
 
 T = TypeVar("T")
 
@@ -48,7 +48,7 @@ class Blocks:
     own: Floats
     own_side: Floats
 
-    def reduced(self) -> tuple[Floats, Floats]:
+    def reduced(self) -> ArrayPair:
         """The equations (s, s), (s,) of the shared unknowns alone. Raises LinAlgError where a block is singular."""
         both = np.concatenate([self.mixed, self.own_side[..., None]], axis=2)
         size = len(self.shared)

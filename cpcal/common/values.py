@@ -24,6 +24,8 @@ import numpy.typing as npt
 ArrayLike: TypeAlias = npt.ArrayLike  # what numpy makes an array of
 AnyArray: TypeAlias = npt.NDArray[Any]
 Floats: TypeAlias = npt.NDArray[np.float64]
+ArrayPair: TypeAlias = tuple[Floats, Floats]
+Pair: TypeAlias = tuple[float, float]
 Bools: TypeAlias = npt.NDArray[np.bool_]
 Indices: TypeAlias = npt.NDArray[np.intp]
 Ints: TypeAlias = npt.NDArray[np.int64]

@@ -9,7 +9,7 @@ import numpy as np
 
 from cpcal.common.errors import InputError, unusable
 from cpcal.common.numbers import at_most, nearest, stated
-from cpcal.common.values import Floats, Names, Numbers
+from cpcal.common.values import ArrayPair, Floats, Names, Numbers
 from cpcal.models.hand_eye import SETUPS, HandEyeStudy, Setup, by_name, study_of_board
 from cpcal.models.hand_eye_fit import classical_answer, estimated_half_widths
 from cpcal.robot import (
@@ -253,7 +253,7 @@ def read_pose_pairs(path: Path, *, setup: Setup = "eye-in-hand", metres: bool = 
     return inverse(hand) if setup == "eye-to-hand" and names[0] == "robot" else hand, seen
 
 
-def _pose(value: Any) -> tuple[Floats, Floats]:
+def _pose(value: Any) -> ArrayPair:
     """Of a ROS transform, or of 16 numbers by rows."""
     if not isinstance(value, dict):
         matrix = _numbers(value, 4, 4)
@@ -267,7 +267,7 @@ def _pose(value: Any) -> tuple[Floats, Floats]:
     return place, normalised(turn)
 
 
-def _motion(turn: Any, place: Any) -> tuple[Floats, Floats]:
+def _motion(turn: Any, place: Any) -> ArrayPair:
     matrix = _numbers(turn, 3, 3)
     if not np.abs(matrix @ matrix.T - np.eye(3)).max() < _MATRIX or not np.linalg.det(matrix) > 0.0:
         raise ValueError("a matrix is no rotation")

@@ -29,7 +29,7 @@ import numpy as np
 
 from cpcal.checker.platform import COORDINATES, AboutCenter, Commanded, Leg, LegEquation
 from cpcal.common.errors import unusable
-from cpcal.common.values import Bools, Floats, crossed, norms
+from cpcal.common.values import ArrayPair, Bools, Floats, crossed, norms
 from cpcal.models.leg import cross, rotations
 from cpcal.models.leg_set import CertifiedSet
 from cpcal.robot import Pose, Robot, leg_vectors, normalised, pose_jacobian, small_rotation
@@ -132,7 +132,7 @@ def pose_inverse(jacobian: Floats, held: Sequence[int] = ()) -> Floats:
     return out
 
 
-def centered(pose: Commanded, legs: Sequence[Leg], held: Sequence[int] = ()) -> tuple[Floats, Floats]:
+def centered(pose: Commanded, legs: Sequence[Leg], held: Sequence[int] = ()) -> ArrayPair:
     """What the checker's `pose_bounds` takes: a center (6,) of (p, s), nearly the middle of what the legs allow, and a
     left inverse (6, n) of their equations' slopes there over |q|^2."""
     equations, center = [LegEquation(pose, leg, free) for leg in legs], np.zeros(6)
@@ -304,7 +304,7 @@ class Equations:
 
         return image
 
-    def _in_legs(self, gradients: IntervalArray) -> tuple[Floats, Floats]:
+    def _in_legs(self, gradients: IntervalArray) -> ArrayPair:
         """(K, n, ..., n): coefficients of y in what has these gradients (K, n, ..., 6) in z = C y, and how far off."""
         inverse = self.inverse.reshape((len(self.inverse), *[1] * (len(gradients.shape) - 3), *self.inverse.shape[1:]))
         middle = gradients.mid
@@ -331,7 +331,7 @@ def proved_sizes(image: Callable[[Floats], Floats], value: Floats, good: Bools) 
     return size, proved
 
 
-def sizes(inverse: Floats, y: IntervalArray) -> tuple[Floats, Floats]:
+def sizes(inverse: Floats, y: IntervalArray) -> ArrayPair:
     """Bounds (K,) of ||p|| in mm and of the angle in rad, for (p, s) = C y: a norm is largest at a corner of the box.
 
     The angle of R(1, s) is 2 atan ||s|| <= 2 ||s||.

@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cpcal.checker import FORMAT, Refused
-from cpcal.checker.readers import up
+from cpcal.checker.readers import Json, up
 from cpcal.checker.rule import Box
 from cpcal.checker.sight import POSE_SET_FORMAT, Part, Rows, Sight, digest_of, joined, rows_of, sight_of
 from cpcal.common.errors import refuse, unusable
@@ -196,7 +196,7 @@ _SMALLEST = 20
 
 def _sight(
     boxes: PixelBoxes, targets: TargetSet, cameras: CameraSet, name: str, sources: Mapping[str, bytes]
-) -> tuple[dict[str, Any], Sight]:
+) -> tuple[Json, Sight]:
     """All that is assumed, as a claim states it and as the checker reads it. `sources`: the bytes of the files that the
     numbers came from, by name. Raises InputError."""
     target, radius = targets.target, _field_radius(cameras)
@@ -287,7 +287,7 @@ class _Search:
 
     def __init__(self, sight: Sight, digest: str, outliers: int, stem: str) -> None:
         self.sight, self.digest, self.outliers, self.stem = sight, digest, outliers, stem
-        self.written: list[tuple[str, dict[str, Any], Contracted]] = []
+        self.written: list[tuple[str, Json, Contracted]] = []
         self._places = np.array([[float(v.lo) for v in dot.at[:2]] for dot in sight.dots])
 
     def ended(self) -> _Ended:
@@ -349,7 +349,7 @@ class _Search:
         found = self._stage(rows, header)
         return _Ended(turn, found.left, wrong, (self.written[-1][0],)) if found.steps else None
 
-    def _stage(self, rows: Rows, header: dict[str, Any]) -> Contracted:
+    def _stage(self, rows: Rows, header: Json) -> Contracted:
         def lifted(i: int, j: int) -> bool:
             return (i < 9 and j < 9) or i == j
 

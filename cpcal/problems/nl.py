@@ -11,7 +11,7 @@ from functools import reduce
 import numpy as np
 
 from cpcal.common.errors import CpcalError, InputError, shown, unusable
-from cpcal.common.values import Floats
+from cpcal.common.values import Floats, Pair
 from cpcal.problems.values import (
     StatedProblem,
     Value,
@@ -79,7 +79,7 @@ class _Reader:
         self.bodies: dict[int, Value] = {}  # nonlinear parts of constraints
         self.goals: dict[int, tuple[bool, Value]] = {}  # whether the largest is asked for
         self.linear: dict[str, dict[int, Terms]] = {"J": {}, "G": {}}  # parts of constraints, of objectives
-        self.row_bounds: list[tuple[float, float]] = []
+        self.row_bounds: list[Pair] = []
 
     def problem(self) -> StatedProblem:
         if not self.lines or not self.lines[0].startswith("g"):
@@ -128,7 +128,7 @@ class _Reader:
         except ValueError:
             raise self.wrong("holds what is no whole number", "write the file anew") from None
 
-    def bound(self) -> tuple[float, float]:
+    def bound(self) -> Pair:
         kind, *values = self.next().split()
         value = [float(_finite(word)) for word in values]
         if len(value) != _BOUNDS.get(kind):

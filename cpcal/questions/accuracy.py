@@ -19,7 +19,7 @@ from cpcal.common.codec import Document, Informed, checked
 from cpcal.common.errors import Problem, Problems, unusable
 from cpcal.common.files import StrPath
 from cpcal.common.numbers import about, bracket_text
-from cpcal.common.values import Floats, Indices, Names, Numbers, Places, all_finite, floats, norms
+from cpcal.common.values import Floats, Indices, Names, Numbers, Pair, Places, all_finite, floats, norms
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.models import PLAIN, beyond_legs
@@ -149,7 +149,7 @@ class Accuracy:
     version: Informed[str]
     parameters: Annotated[tuple[Numbers, ...], checked("the forms of the certificates")]
     delta: Annotated[float, checked("the box of each certificate")]
-    within: Annotated[tuple[float, float], checked("what is computed again begins with it")]
+    within: Annotated[Pair, checked("what is computed again begins with it")]
     held: Annotated[Places, checked("what is computed again holds them")]
     legs: tuple[AssumedLeg, ...]
     poses: tuple[PoseAccuracy, ...]
@@ -475,7 +475,7 @@ def proposed_workspace(campaign: Campaign, robot: Robot, held: Sequence[int]) ->
 FAR = 0.125  # of the measured stroke: a length is far from every measured one
 
 
-def suggested_error(campaign: Campaign, leg: int, far: float = 0.0) -> tuple[float, float]:
+def suggested_error(campaign: Campaign, leg: int, far: float = 0.0) -> Pair:
     """mm: what to assume of a leg, and the largest of the N residuals r of its fit of rank m.
 
     max |r| sqrt(N / (N - m)); 1 + far times that if a length is so far from every measured one, as a share of the

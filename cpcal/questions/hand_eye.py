@@ -29,7 +29,7 @@ from cpcal.checker.readers import Refused, up
 from cpcal.common.codec import Document, Informed, checked
 from cpcal.common.errors import InputError, refuse, unusable
 from cpcal.common.numbers import at_least, at_most
-from cpcal.common.values import Floats, Names, Numbers
+from cpcal.common.values import ArrayPair, Names, Numbers
 from cpcal.common.version import __version__
 from cpcal.models.frames import COARSE, PlacedFrames, Proof, Prover, Tell, exact
 from cpcal.models.hand_eye import HandEyeStudy, Known, load_study_json
@@ -582,7 +582,7 @@ def _not_least_squares(study: HandEyeStudy, found: HandEyeResult) -> str:
 JOINTS = ("base x", "base y", "base z", "mobile x", "mobile y", "mobile z")
 
 
-def legs_in_frames(run: Result, frames: HandEyeResult) -> dict[int, tuple[Floats, Floats]]:
+def legs_in_frames(run: Result, frames: HandEyeResult) -> dict[int, ArrayPair]:
     """PROVED by a run of `cpcal certify` and one of `cpcal handeye certify` together: lower and upper ends of the
     joints of each leg, mm, in the order of JOINTS, for all frames and all parameters in the ranges of the runs.
 

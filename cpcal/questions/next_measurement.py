@@ -13,7 +13,7 @@ import numpy as np
 
 from cpcal.common.errors import unusable
 from cpcal.common.numbers import about, at_most, stated
-from cpcal.common.values import Floats, Names, Numbers, norms
+from cpcal.common.values import ArrayPair, Floats, Names, Numbers, norms
 from cpcal.models import PLAIN, ModelResiduals, reading_moves
 from cpcal.models.frames import Tell
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy
@@ -65,7 +65,7 @@ class Polytope:
         middle = -model.values(one.controller) - jacobian @ offset
         return Polytope(jacobian @ to_x, middle, np.maximum(slack, 1e-9), to_x, offset)
 
-    def ranges(self, forms: Floats) -> tuple[Floats, Floats]:
+    def ranges(self, forms: Floats) -> ArrayPair:
         """Middles and half-widths (m,) of linear forms (m, size of x) in the parameters."""
         size, slack = np.abs(self.rows).max(axis=1), self.slack * _LOOSER
         matrix = self.rows / size[:, None]

@@ -30,7 +30,7 @@ from cpcal.common.numbers import (
     short,
     stated,
 )
-from cpcal.common.values import Floats
+from cpcal.common.values import ArrayPair
 from cpcal.models import PLAIN, LegModel, model_residuals, reading_moves
 from cpcal.questions import INFORMATION, LegResult, Result, contractors_sentences, model_of, recommendation, verdict_of
 from cpcal.questions.result import check_campaign
@@ -317,7 +317,7 @@ def _table(
     return Table(head, rows, columns)
 
 
-def _range(result: Result, leg: LegResult) -> tuple[str, tuple[Floats, Floats] | None, tuple[Words, ...]]:
+def _range(result: Result, leg: LegResult) -> tuple[str, ArrayPair | None, tuple[Words, ...]]:
     """Which bounds of the parameters are proved, lower and upper ones, and under which condition, in words."""
     enclosure, eps = leg.bracket.enclosure, result.options.eps
     if leg.ranges is not None:

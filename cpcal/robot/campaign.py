@@ -22,6 +22,7 @@ from cpcal.common.values import (
     LARGEST,
     TINY,
     ArrayLike,
+    ArrayPair,
     Floats,
     Indices,
     Names,
@@ -490,12 +491,12 @@ class LegEquations:
         along, arm = self._directions(x)
         return np.concatenate([along, np.cross(arm, along)], axis=-1)
 
-    def vectors(self, x: Floats) -> tuple[Floats, Floats]:
+    def vectors(self, x: Floats) -> ArrayPair:
         """v and R b, each (N, n, 3)."""
         arm = np.einsum("kij,nj->kni", self.rotation, x[:, 3:6])
         return self.position[:, None, :] + arm - x[:, :3], arm
 
-    def _directions(self, x: Floats) -> tuple[Floats, Floats]:
+    def _directions(self, x: Floats) -> ArrayPair:
         """v / ||v|| and R b, each (N, n, 3)."""
         vector, arm = self.vectors(x)
         return vector / np.maximum(norms(vector)[..., None], _SHORTEST), arm

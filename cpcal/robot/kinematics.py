@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cpcal.common.errors import CpcalError, unusable
-from cpcal.common.values import TINY, ArrayLike, Bools, ByValue, Floats, all_finite, floats, norms
+from cpcal.common.values import TINY, ArrayLike, ArrayPair, Bools, ByValue, Floats, all_finite, floats, norms
 from cpcal.robot.robot import Robot
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -287,7 +287,7 @@ def transformed(pose: Pose, points: ArrayLike) -> Floats:
     return np.asarray(pose.position[..., None, :] + turned)
 
 
-def distances(one: Pose, other: Pose) -> tuple[Floats, Floats]:
+def distances(one: Pose, other: Pose) -> ArrayPair:
     """Between K poses: mm, and the angle in rad."""
     turn = turn_between(one.quaternion, other.quaternion)
     return norms(one.position - other.position), norms(turn)

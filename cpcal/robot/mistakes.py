@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cpcal.common.numbers import about
-from cpcal.common.values import TINY, Floats, Names, all_finite, norms
+from cpcal.common.values import TINY, Floats, Names, Pair, all_finite, norms
 from cpcal.robot.campaign import Campaign, Given
 from cpcal.robot.kinematics import (
     KinematicsError,
@@ -431,8 +431,8 @@ class Cause(NamedTuple):
     """A likely mistake; what fits leave, and how far drawing and readings are apart, with it and without, mm."""
 
     name: str
-    left: tuple[float, float]
-    off: tuple[float, float]
+    left: Pair
+    off: Pair
 
     @property
     def gain(self) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from cpcal.common.errors import Problems, shown, unusable
 from cpcal.common.files import NAME_MAX, NAME_REMEDY, is_text
-from cpcal.common.values import LARGEST, ArrayLike, Bools, Floats, Value, all_finite, floats, freeze
+from cpcal.common.values import LARGEST, ArrayLike, Bools, Floats, Pair, Value, all_finite, floats, freeze
 
 
 def good_numbers(values: ArrayLike, least: float = -LARGEST) -> Bools:
@@ -170,7 +170,7 @@ class KnownRobot:
 
     robot: Robot
     source: str
-    stroke: tuple[float, float]
+    stroke: Pair
     workspace: PoseRange | None
 
 

@@ -21,9 +21,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.random import PCG64, SeedSequence
+from numpy.random import Generator as Stream
 
 from cpcal.common.errors import InputError, refuse
-from cpcal.common.values import LARGEST, ArrayLike, Floats, norms
+from cpcal.common.values import LARGEST, ArrayLike, Floats, Pair, norms
 from cpcal.robot import (
     DELTALAB,
     Campaign,
@@ -106,7 +108,7 @@ def simulate(
     noise: float = 1.0,
     truncate: float | None = None,
     deviation: float = 1.0,
-    stroke: tuple[float, float] = STROKE,
+    stroke: Pair = STROKE,
     workspace: PoseRange | None = None,
 ) -> Campaign:
     """A campaign of the 64 extremal leg configurations and of random ones, as a sensor would deliver it.
@@ -185,9 +187,7 @@ def true_robot(campaign: Campaign) -> Robot | None:
         return None
 
 
-def configurations(
-    bounds: Floats, stream: np.random.Generator, *, random_poses: int, extremal: bool
-) -> tuple[list[str], Floats]:
+def configurations(bounds: Floats, stream: Stream, *, random_poses: int, extremal: bool) -> tuple[list[str], Floats]:
     """Pose ids (K) and (K, 6) numbers that command them, leg readings or poses: the corners of the box `bounds` (2, 6),
     and such as are drawn evenly from it.
 
@@ -201,7 +201,7 @@ def configurations(
     return names, np.concatenate([corners, stream.uniform(low, high, (random_poses, 6))])
 
 
-def assembled(robot: Robot, readings: Floats, stroke: tuple[float, float]) -> Pose:
+def assembled(robot: Robot, readings: Floats, stroke: Pair) -> Pose:
     """The poses (K) with these readings (K, 6), all on the assembly branch of the upright mid-stroke pose.
 
     Each is continued from that pose along a straight line in the readings. See `check_branch`.
@@ -243,7 +243,7 @@ def joint_effect(robot: Robot, poses: Pose, phases: Floats) -> Floats:
     return np.asarray(0.5 * waves)
 
 
-def standard_noise(stream: np.random.Generator, shape: tuple[int, int], truncate: float | None) -> Floats:
+def standard_noise(stream: Stream, shape: tuple[int, int], truncate: float | None) -> Floats:
     """Independent standard normal numbers, those beyond +-truncate drawn again."""
     draw = stream.standard_normal(shape)
     while truncate is not None:
@@ -254,9 +254,9 @@ def standard_noise(stream: np.random.Generator, shape: tuple[int, int], truncate
     return draw
 
 
-def streams(seed: int, count: int = 4) -> list[np.random.Generator]:
+def streams(seed: int, count: int = 4) -> list[Stream]:
     """Independent PCG64 generators; asking for more of them does not change the first ones."""
-    return [np.random.Generator(np.random.PCG64(child)) for child in np.random.SeedSequence(seed).spawn(count)]
+    return [Stream(PCG64(child)) for child in SeedSequence(seed).spawn(count)]
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -277,8 +277,6 @@ def streams(seed: int, count: int = 4) -> list[np.random.Generator]:
 # of a mechanism change the robot, the frames or the configurations; the true parameters and the joint error's phases
 # are those of `simulate` with the same seed.
 
-Stream = np.random.Generator
-
 MEAN_OF = 10  # images of a run, of which a row without images is the mean (the paper, section 2.3.2)
 
 
@@ -295,7 +293,7 @@ def simulate_study(
     camera: Pose | None = None,
     truncate: float | None = None,
     deviation: float = 1.0,
-    stroke: tuple[float, float] = STROKE,
+    stroke: Pair = STROKE,
     joint_error: float = 0.0,
     axis_offset: float = 0.0,
     backlash: float = 0.0,
@@ -377,7 +375,7 @@ def simulate_study(
 
 
 def true_poses(
-    robot: Robot, mechanisms: Mechanisms, readings: Floats, stroke: tuple[float, float], runs: int, approach: Stream
+    robot: Robot, mechanisms: Mechanisms, readings: Floats, stroke: Pair, runs: int, approach: Stream
 ) -> Pose:
     """The mobile frame in the base frame for readings (K, 6), `runs` times each: (K runs).
 

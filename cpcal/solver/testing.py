@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 
 from cpcal.common.values import Floats, norms
 from cpcal.solver.contract import Contraction, Contractor, ContractorFactory
@@ -48,13 +49,13 @@ def cases(seed: int = 0) -> list[Case]:
 _Solutions = list[list[float]] | Floats
 
 
-def _circle(net: ConstraintNetwork, rng: np.random.Generator) -> _Solutions:
+def _circle(net: ConstraintNetwork, rng: Generator) -> _Solutions:
     x, y = net.variable("x", (), (-8, 8)), net.variable("y", (), (-8, 8))
     net.add([sqr(x) + y * y == 25, sqrt(x + 8) >= y - 3])
     return [[3, 4], [-4, 3], [5, 0], [0, -5], [-3, -4]]
 
 
-def _products(net: ConstraintNetwork, rng: np.random.Generator) -> _Solutions:
+def _products(net: ConstraintNetwork, rng: Generator) -> _Solutions:
     x = net.variable("x", 4, (-40, 40))
     net.add([x[0] * x[1] == x[2], x[0] * x[1] * x[2] - x[3] ** 3 <= 8, x[3] >= x[0] ** 2 - 20])
     y = rng.integers(-24, 25, (40, 4)) / 8.0
@@ -62,7 +63,7 @@ def _products(net: ConstraintNetwork, rng: np.random.Generator) -> _Solutions:
     return y[(y[:, 2] ** 2 <= 8 + y[:, 3] ** 3) & (y[:, 3] >= y[:, 0] ** 2 - 20)]
 
 
-def _leg(net: ConstraintNetwork, rng: np.random.Generator) -> _Solutions:
+def _leg(net: ConstraintNetwork, rng: Generator) -> _Solutions:
     a, b = net.variable("a", 3, (-60, 60)), net.variable("b", 3, (-60, 60))
     offset, eps = net.variable("l", (), (-60, 60)), net.variable("eps", (), (0, 50))
     y = rng.uniform(-20, 20, (6, 8))
@@ -75,7 +76,7 @@ def _leg(net: ConstraintNetwork, rng: np.random.Generator) -> _Solutions:
     return y[y[:, 7] <= 50]
 
 
-def _readings(net: ConstraintNetwork, rng: np.random.Generator) -> _Solutions:
+def _readings(net: ConstraintNetwork, rng: Generator) -> _Solutions:
     """Distances to points, both uncertain: a point solves when SOME readings in their sets fit.
 
     Two readings of equal sets are two numbers.
@@ -89,20 +90,20 @@ def _readings(net: ConstraintNetwork, rng: np.random.Generator) -> _Solutions:
     return [[*point, x] for x in (0.25, -0.5, -1.75)]
 
 
-def _unbounded(net: ConstraintNetwork, rng: np.random.Generator) -> _Solutions:
+def _unbounded(net: ConstraintNetwork, rng: Generator) -> _Solutions:
     x, y = net.variable("x"), net.variable("y", (), (0, np.inf))
     net.add([x - 2 * y == 1, x * y >= -4, x.within((-np.inf, 1e6))])
     return [[1, 0], [2, 0.5], [3.25, 1.125], [7, 3]]
 
 
-def _kinks(net: ConstraintNetwork, rng: np.random.Generator) -> _Solutions:
+def _kinks(net: ConstraintNetwork, rng: Generator) -> _Solutions:
     x = net.variable("x", 4, (-30, 30))
     net.add([maximum(x[0], x[1]) <= x[2], minimum(x[0], 2 * x[1]) >= x[3], abs(x[0] - x[1]) + abs(x[2]) <= 9])
     net.add([2 - abs(x[0]) <= x[2] - x[3], maximum(x[2], x[3]) == x[2]])
     return [[2, 1.5, 2, 2], [-2.5, 1, 1, -2.5], [0, 0, 1, -1], [1.5, -2, 1.5, -4]]
 
 
-def _division(net: ConstraintNetwork, rng: np.random.Generator) -> _Solutions:
+def _division(net: ConstraintNetwork, rng: Generator) -> _Solutions:
     x = net.variable("x", 3, (-12, 12))
     net.add([x[0] / x[1] == x[2], 1 / (1 + sqr(x[0])) <= 0.9, x[1] ** -2 <= 70, sqrt(x[2] + 12) >= 1])
     return [[1.5, 0.25, 6], [-0.5, 2, -0.25], [3, -0.5, -6], [-2, -4, 0.5], [0.625, 0.125, 5]]

@@ -34,7 +34,7 @@ from scipy.spatial import cKDTree
 from scipy.special import bdtrc
 
 from cpcal.common.errors import CpcalError
-from cpcal.common.values import ArrayLike, Bools, Floats, Ints, floats
+from cpcal.common.values import ArrayLike, ArrayPair, Bools, Floats, Ints, floats
 from cpcal.robot import Pose, transformed
 from cpcal.solver.compiled import compiled
 from cpcal.vision.camera import Camera
@@ -74,7 +74,7 @@ class View:
 
 
 @lru_cache(maxsize=8)
-def _seen_rectangle(camera: Camera) -> tuple[Floats, Floats]:
+def _seen_rectangle(camera: Camera) -> ArrayPair:
     """The rectangle around all directions that the image shows."""
     rays = camera.normalised(camera.spread)
     return np.nanmin(rays, axis=0), np.nanmax(rays, axis=0)
@@ -238,23 +238,15 @@ def ways(some: Ints, others: Ints) -> tuple[Ints, Ints]:
         if k == 8 and some is not others and max(counts) >= _PLAIN * min(len(some), len(others)):
             break  # no shear is needed
         turned = some @ turn.T @ [wide, 1]
-        least = int(seen.min() - turned.max())
-        met = np.zeros(int(seen.max() - turned.min()) - least + 1, np.int64)
-        meet(turned + least, seen, met)
+        shifts = np.subtract.outer(seen, turned).ravel()
+        least = int(shifts.min())
+        met = np.bincount(shifts - least)
         for best in np.argpartition(-met, min(_SHIFTS, len(met) - 1))[:_SHIFTS].tolist():
             x = (best + least + wide // 2) // wide
             y = best + least - x * wide
             maps.append([*turn[0].tolist(), x, *turn[1].tolist(), y, 0, 0, 1])
             counts.append(int(met[best]))
     return np.reshape(maps, (-1, 3, 3)), np.array(counts)
-
-
-@compiled
-def meet(some: Ints, others: Ints, out: Ints) -> None:
-    """Counts the differences of others and some."""
-    for one in some:
-        for other in others:
-            out[other - one] += 1
 
 
 # ------------------------------------------------------------------------------------------------------------------

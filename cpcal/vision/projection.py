@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.values import Floats
+from cpcal.common.values import ArrayPair, Floats, Pair
 from cpcal.robot import Pose
 from cpcal.solver.compiled import compiled
 from cpcal.vision.camera import CAMERA_NUMBERS, JET, PACKED, Camera, jet
@@ -143,7 +143,7 @@ def placed_centers(
 
 
 @compiled
-def _center(lens: Floats, x: float, y: float, shape: Floats, bend: Floats) -> tuple[float, float]:
+def _center(lens: Floats, x: float, y: float, shape: Floats, bend: Floats) -> Pair:
     """The distorted centre, see above, of an ellipse about (x, y) with the shape's xx, xy, yy. The jet of d goes into
     `bend`."""
     jet(lens, x, y, bend)
@@ -164,7 +164,7 @@ def predicted_centers(target: Target, camera: Camera, pose: Pose) -> Floats:
     return centers_by_pose(target.dots, target.radius, camera.packed, pose)[0]
 
 
-def centers_by_pose(dots: Floats, radius: float, camera: Floats, pose: Pose) -> tuple[Floats, Floats]:
+def centers_by_pose(dots: Floats, radius: float, camera: Floats, pose: Pose) -> ArrayPair:
     """`predicted_centers` of dots (n, 2) mm by a packed camera, and their derivatives (..., n, 2, 6) by position (mm)
     and by the rotation vector w (rad) in the camera frame: R becomes R(w) R."""
     # not read-only, for which would be compiled once more

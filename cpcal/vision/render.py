@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.common.values import Floats, Places
+from cpcal.common.values import ArrayPair, Floats, Pair, Places
 from cpcal.robot import Pose, transformed
 from cpcal.vision.camera import Camera
 from cpcal.vision.dots import observe_dots
@@ -40,7 +40,7 @@ class Scene:
 
     blur: float = 0.8
     noise: float = 2.0
-    gradient: tuple[float, float] = (0.0, 0.0)
+    gradient: Pair = (0.0, 0.0)
     bits: int = 8
 
 
@@ -136,7 +136,7 @@ def _fine_share(edge: Floats, size: int) -> Single:
     return out
 
 
-def _sides(points: Floats, at: Floats) -> tuple[Floats, Floats]:
+def _sides(points: Floats, at: Floats) -> ArrayPair:
     """Where a convex contour begins and ends on the lines y = at; an empty run where they miss it."""
     points = np.roll(points, -int(points[:, 1].argmin()), axis=0)
     closed = np.concatenate([points, points[:1]])

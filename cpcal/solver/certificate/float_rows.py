@@ -17,7 +17,7 @@ import numpy as np
 from cpcal.checker.leg import LegConstraint, leg_formula
 from cpcal.checker.polynomial import FIELD, READINGS, Polynomial, rotation_rows, signed, unknown
 from cpcal.checker.rule import ENDS, Box, Problem, Row, Rule, Unknowns
-from cpcal.common.values import Bools, Floats, Indices, crossed
+from cpcal.common.values import ArrayPair, Bools, Floats, Indices, Places, crossed
 from cpcal.solver.certificate.exact_network import free
 from cpcal.solver.compiled import compiled
 
@@ -29,7 +29,7 @@ _SMALLEST = 1e-280  # more than all that numbers lose that are too small
 class FloatRow(NamedTuple):
     """Coefficients of monomials in u, the constant first, and a bound of the sum of their errors."""
 
-    monomials: tuple[int, ...]
+    monomials: Places
     values: Floats
     error: float
 
@@ -70,14 +70,14 @@ class _Plan(NamedTuple):
     fixed: Indices
     numbers: Floats
     size: int
-    monomials: tuple[int, ...]
+    monomials: Places
     first: Indices
     odd: Indices
     alone: Bools
     linear: Indices
     kept: Indices
 
-    def swept(self, legs: Sequence[LegConstraint]) -> tuple[Floats, Floats]:
+    def swept(self, legs: Sequence[LegConstraint]) -> ArrayPair:
         """The coefficients (B, T) of constraints on one box, and their errors. The trace takes (B, G): one,
         measurements, unknowns, and where readings begin and how far they go."""
         x, uncertain = legs[0].x.numbers, legs[0].m.uncertain
@@ -128,9 +128,7 @@ def _exponents(monomial: int) -> list[tuple[int, int]]:
 
 
 @compiled
-def _swept(
-    notes: Indices, given: Floats, fixed: Indices, numbers: Floats, size: int, places: Indices
-) -> tuple[Floats, Floats]:
+def _swept(notes: Indices, given: Floats, fixed: Indices, numbers: Floats, size: int, places: Indices) -> ArrayPair:
     """The numbers at `places` of a trace for each of (B, G) given, which were rounded once; and their errors."""
     found, errors = np.empty((len(given), places.size)), np.empty((len(given), places.size))
     for leg in range(len(given)):
@@ -154,7 +152,7 @@ def _swept(
 @compiled
 def _settled(
     values: Floats, errors: Floats, first: Indices, odd: Indices, alone: Bools, kept: Indices, ends: Bools
-) -> tuple[Floats, Floats]:
+) -> ArrayPair:
     """What is left of (B, T) coefficients at the readings' reference, less the penalties, and the error of all of it.
 
     `ends` (B, 7): the readings that begin at an end.
@@ -247,7 +245,7 @@ class FloatRule:
             errors=np.array([own for _, _, own in formed] + [0.0] * (len(products) + len(squares))),
         )
 
-    def bounds(self, i: int, side: str, parts: Parts, weights: Floats) -> tuple[Floats, Floats]:
+    def bounds(self, i: int, side: str, parts: Parts, weights: Floats) -> ArrayPair:
         """By each row of weights (B, P) a proved bound of x_i in the box, and how much of it may be given away to
         rounding."""
         sign = 1.0 if side == "lo" else -1.0
@@ -258,7 +256,7 @@ class FloatRule:
         doubt = 8.0 * _UNIT * (abs(center) + np.abs(reach)) + _UNDERFLOW
         return center + sign * reach - sign * doubt, 2.0 * (doubt + radius * error)
 
-    def lowest(self, parts: Parts, weights: Floats, i: int = 0, sign: float = 0.0) -> tuple[Floats, Floats]:
+    def lowest(self, parts: Parts, weights: Floats, i: int = 0, sign: float = 0.0) -> ArrayPair:
         """A lower bound of `sign u_i` and the weighted sum, for each row of weights, and the error that it counts; -inf
         where it overflows."""
         column = self._column(unknown(i))
@@ -318,7 +316,7 @@ def _lowest(
     even: Bools,
     moved: int,
     sign: float,
-) -> tuple[Floats, Floats]:
+) -> ArrayPair:
     """The least that `sign` times monomial `moved` and the parts, weighted by each row, can be, less its error; and
     this."""
     count, found, errors = even.size, np.empty(len(weights)), np.empty(len(weights))
@@ -411,7 +409,7 @@ def stretchings(problem: Problem, x: Unknowns, numbers: Sequence[int]) -> list[s
     return found
 
 
-def measured(problem: Problem, numbers: Sequence[int], x: Unknowns) -> tuple[Floats, Floats]:
+def measured(problem: Problem, numbers: Sequence[int], x: Unknowns) -> ArrayPair:
     """The readings of measurements of a leg (N, 8), and their half-widths (N, 7), as `cpcal.models.leg` has them."""
     of = [_leg(problem, x, k).m for k in numbers]
     return np.array([m.given for m in of], np.float64), np.array([m.radii for m in of], np.float64)
@@ -442,7 +440,7 @@ class AllReadings:
         """(N,) ||v||^2 - h"""
         return np.asarray(((w + c) ** 2).sum(axis=1) - self.height)
 
-    def slopes(self) -> tuple[Floats, Floats]:
+    def slopes(self) -> ArrayPair:
         """Half the slopes (N, 3) of the square by d and s."""
         return self.w + self.c, np.cross(self.c, self.w)
 
@@ -465,7 +463,7 @@ class AllReadings:
         good &= self.read - rl + self.offset > eps + self.rounding
         return eps if good.all() else math.inf
 
-    def _squares(self, factor: float) -> tuple[Floats, Floats]:
+    def _squares(self, factor: float) -> ArrayPair:
         """Above and below the square for all readings of positions and rotations."""
         r, t = factor * self.radii[:, :3], 0.5 * factor * self.radii[:, 3:6]
         shift, swing = r.sum(axis=1), t.sum(axis=1)

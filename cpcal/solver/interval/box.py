@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NoReturn, Protocol, overload
 import numpy as np
 
 from cpcal.common.errors import ModelError
-from cpcal.common.values import ArrayLike, Bools, Floats, Names, Numbers, Shape, fill
+from cpcal.common.values import ArrayLike, ArrayPair, Bools, Floats, Names, Numbers, Shape, fill
 from cpcal.solver.interval.numbers import (
     HasBounds,
     Interval,
@@ -293,7 +293,7 @@ def _interval(name: str, value: Interval | Number | tuple[Number, Number]) -> In
         raise ModelError(f"{name}: {error}") from error
 
 
-def _bounds(lo: ArrayLike, hi: ArrayLike, count: int) -> tuple[Floats, Floats]:
+def _bounds(lo: ArrayLike, hi: ArrayLike, count: int) -> ArrayPair:
     """The float64 bounds below some numbers and above others, in arrays of any owner."""
     lower, upper = float_bounds(lo)[0], float_bounds(hi)[1]
     if not lower.shape == upper.shape == (count,):

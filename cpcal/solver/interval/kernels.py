@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from cpcal.common.errors import RoundingError
-from cpcal.common.values import Floats
+from cpcal.common.values import Floats, Places
 from cpcal.solver.compiled import compiled
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -155,7 +155,7 @@ EMPTY, LINE, ONE = (math.nan, math.nan), (-math.inf, math.inf), (1.0, 1.0)
 
 
 @compiled
-def at(x: Arrays, k: int | tuple[int, ...]) -> Bounds:
+def at(x: Arrays, k: int | Places) -> Bounds:
     """One of many."""
     return x[0][k], x[1][k]
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from cpcal.common.errors import ModelError
 from cpcal.common.numbers import rounded_down, rounded_up
-from cpcal.common.values import ArrayLike, Bools, Floats, Shape, all_finite, fill, floats
+from cpcal.common.values import ArrayLike, ArrayPair, Bools, Floats, Shape, all_finite, fill, floats
 from cpcal.solver.compiled import in_python
 from cpcal.solver.interval import kernels
 from cpcal.solver.interval.operations import ADD, DIV, MUL, NEG, SQR, SQRT, SUB, elementwise, products, totals
@@ -38,7 +38,7 @@ def round_up(value: Number) -> float:
     return math.nextafter(nearest, math.inf) if nearest < real else nearest
 
 
-def float_bounds(values: object) -> tuple[Floats, Floats]:
+def float_bounds(values: object) -> ArrayPair:
     """The greatest float64s below and the least above an array of numbers; one array where both agree.
 
     Takes numbers, nested sequences of them and arrays. A string is no number and neither is a bool: both are
@@ -221,7 +221,7 @@ class IntervalArray(HasBounds):
             products(self.reshape((count, self.shape[-1])).copied(), y.copied(), (lo, hi))
         return IntervalArray(lo, hi).reshape(shape)
 
-    def copied(self) -> tuple[Floats, Floats]:
+    def copied(self) -> ArrayPair:
         """The bounds in arrays of their own: kernels are compiled for arrays that may be written."""
         return np.array(self.lo, np.float64, order="C"), np.array(self.hi, np.float64, order="C")
 

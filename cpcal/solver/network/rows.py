@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common.values import Floats, Indices
+from cpcal.common.values import ArrayPair, Floats, Indices
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import sweeps
 from cpcal.solver.network.expression import Expr
@@ -41,7 +41,7 @@ class Extremes:
         readings = reach[reach >= self.tape.program.given]
         return len(np.unique(readings)) == len(readings)
 
-    def at(self, point: Floats) -> tuple[Floats, Floats]:
+    def at(self, point: Floats) -> ArrayPair:
         """Values of all readings that make the elements smallest, and largest, at a point (n,).
 
         For a reading that several elements share, their sum.

@@ -11,6 +11,7 @@ from functools import partial
 
 import numpy as np
 
+from cpcal.common.values import Names
 from cpcal.common.version import __version__
 from cpcal.solver.contract import Clock
 from cpcal.solver.execution.checkpoint_file import Checkpoint, Line
@@ -131,7 +132,7 @@ def lines_of(race: Race, nodes: int) -> Iterator[Line]:
             yield from ({"of": k, **line} for line in contender.search.standing().lines())
 
 
-def brought_there(race: Race, names: tuple[str, ...], lines: Sequence[Line]) -> int:
+def brought_there(race: Race, names: Names, lines: Sequence[Line]) -> int:
     """Bring a race that has not begun to where another one of the same contenders stood; the nodes that it had taken.
 
     Raises KeyError, IndexError, TypeError, ValueError for lines that `lines_of` cannot have written.
@@ -165,7 +166,7 @@ def _plain(option: object) -> object:
     return option if option is None or isinstance(option, (str, int, float)) else type(option).__name__
 
 
-def raced(race: Race, keeper: Checkpoint, names: tuple[str, ...], clock: Clock, progress: Observer | None) -> int:
+def raced(race: Race, keeper: Checkpoint, names: Names, clock: Clock, progress: Observer | None) -> int:
     """Run the race, from where the checkpoint says, until it ends or is stopped; how many nodes it has taken in all.
 
     Raises InputError for a checkpoint of something else.

@@ -16,7 +16,7 @@ from matplotlib.patches import Circle, Rectangle
 
 from cpcal.common.errors import unusable
 from cpcal.common.files import StrPath, write_file
-from cpcal.common.values import Floats
+from cpcal.common.values import ArrayPair, Floats, Pair
 from cpcal.vision.opencv import marker_dictionary, opencv
 from cpcal.vision.target import Board, Target, resized
 
@@ -46,7 +46,7 @@ class Sheet(NamedTuple):
     target's frame has it, y up (`upward`)."""
 
     paper: str
-    size: tuple[float, float]
+    size: Pair
     corner: Floats
 
 
@@ -61,7 +61,7 @@ def upward(target: Target, places: Floats) -> Floats:
     return np.asarray(places * np.array([1.0, -1.0 if target.board else 1.0]))
 
 
-def _plate(target: Target) -> tuple[Floats, Floats]:
+def _plate(target: Target) -> ArrayPair:
     """The corners of the ground, mm, y up: a detector needs some all around what is printed."""
     margin = target.radius + max(2.0 * target.radius, 5.0)
     squares = _squares(target)
