@@ -186,34 +186,22 @@ def lattices(points: Floats, off: float = _OFF) -> Iterator[Lattice]:
 
 
 def _grown_lattice(points: Floats, begun: Floats, off: float) -> Lattice | None:
-    """What begins with a homography (3, 3) of two steps from a place, over more and more of the points."""
-    to_nodes, nodes, members = floats(np.linalg.inv(begun)), np.empty(points.shape), np.empty(len(points), np.int64)
-    size = grown(np.array(points), off, to_nodes, nodes, members)  # not read-only
-    if size < max(9, _PART * len(points)) or not abs(np.linalg.det(to_nodes)) > 1e-30:
-        return None
-    return Lattice(nodes[:size].astype(np.int64), floats(np.linalg.inv(to_nodes)), members[:size])
-
-
-@compiled
-def grown(points: Floats, off: float, to_nodes: Floats, nodes: Floats, members: Ints) -> int:
-    """Fits the homography from points (n, 2) to nodes ring by ring; how many points are on nodes, which, and where."""
-    some, places, which, size = np.empty(points.shape), np.empty(points.shape), np.empty(len(points), np.int64), 0
+    """What begins with a homography (3, 3) of two steps from a place, ring by ring over more and more of the points."""
+    to_nodes, nodes, members = floats(np.linalg.inv(begun)), points[:0], np.arange(0)
     for ring in _RINGS:
-        inside, count = 0, 0
-        for i in range(len(points)):
-            x, y, z = to_nodes[:, 0] * points[i, 0] + to_nodes[:, 1] * points[i, 1] + to_nodes[:, 2]
-            if z > 0.0 and max(abs(x), abs(y)) < (ring + 0.5) * z:
-                inside += 1
-                some[count], places[count], which[count] = points[i], (np.rint(x / z), np.rint(y / z)), i
-                count += max(abs(x / z - places[count, 0]), abs(y / z - places[count, 1])) < off
-        if count < max(5, _SHARE * inside):
+        places = mapped(to_nodes, points)
+        rounded, inside = np.rint(places), np.abs(places).max(axis=1) < ring + 0.5
+        near = np.flatnonzero(inside & (np.abs(places - rounded).max(axis=1) < off))
+        if len(near) < max(5, _SHARE * inside.sum()):
             break  # something else begins: another plate, a background
-        if not fit_homography(some[:count], places[:count], 6 if ring == 1 else 8, to_nodes):
+        if not fit_homography(points[near], rounded[near], 6 if ring == 1 else 8, to_nodes):
             break
-        nodes[:count], members[:count], size = places[:count], which[:count], count
-        if inside == len(points):
+        nodes, members = rounded[near], near
+        if inside.all():
             break
-    return size
+    if len(members) < max(9, _PART * len(points)) or not abs(np.linalg.det(to_nodes)) > 1e-30:
+        return None
+    return Lattice(nodes.astype(np.int64), floats(np.linalg.inv(to_nodes)), members)
 
 
 # Lattices onto themselves, but for shifts; of all shears those by one step. Plain ones come first.
@@ -391,12 +379,12 @@ def _radius(homography: Floats, target: Target) -> Floats:
         return np.asarray(target.radius * np.sqrt(np.abs(np.linalg.det(homography) / depth**3)))
 
 
-def accidents(view: View, hypothesis: Hypothesis, candidates: int) -> float:
+def accidents(view: View, hypothesis: Hypothesis) -> float:
     """Expected number of hypotheses that explain as many dots if the dots were strewn at random."""
     area = float(np.prod(np.ptp(view.points, axis=0)))
     chance = min(1.0, len(view.points) * np.pi * view.reach**2 / max(area, 1e-300))
     hits, trials = len(hypothesis.found) - _BEYOND, int(hypothesis.in_view.sum()) - _BEYOND
-    return float(candidates * bdtrc(hits - 1, trials, chance)) if hits > 0 else float(candidates)
+    return float(TRIED * bdtrc(hits - 1, trials, chance)) if hits > 0 else float(TRIED)
 
 
 def best_rival(view: View, target: Target, fit: Hypothesis, margin: int, *, mirrored: bool = True) -> tuple[int, bool]:
@@ -585,7 +573,7 @@ def _in_view(view: View, target: Target) -> Identification | Unidentified:
 def _tested(view: View, target: Target, fit: Hypothesis) -> Identification | Unidentified:
     """The five tests of a hypothesis, but whether the target is alone."""
     in_view = int(fit.in_view.sum())
-    by_chance = accidents(view, fit, TRIED)
+    by_chance = accidents(view, fit)
     if by_chance > _ACCIDENTS or len(fit.found) < FEWEST:
         return Unidentified("")
     if len(fit.found) < _SHARE * in_view:
