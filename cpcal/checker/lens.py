@@ -95,9 +95,6 @@ class Cameras:
         at = zip(self.at_center(forms), forms, strict=True)
         return [v.around(longest(self.by_t(by, 4))) for v, (_, by) in at]
 
-    def least_slope(self, x: Vector) -> Bounds:
-        return _least_slope(self.over(slopes(x)))
-
     def largest(self, bound: Callable[[Vector], int]) -> int:
         """No less than a bound anywhere in the field: taken over 24 x 24 squares that cover it, or over four of them at
         once where that is no more than elsewhere."""
@@ -126,7 +123,7 @@ class Cameras:
     @cached_property
     def least(self) -> Bounds:
         """A number above zero that no slope in the field is below."""
-        least = -self.largest(lambda x: -self.least_slope(x).lo)
+        least = -self.largest(lambda x: -least_slope(self.over(slopes(x))).lo)
         if least <= 0:
             raise Refused("the lens may turn back within its field", "run", 0)
         return Bounds(least, least)
@@ -155,7 +152,7 @@ class Cameras:
             for p, v, b, e, f in zip(pixels, value, by, second, wide, strict=True)
         ]
         size = longest(away)
-        near = self.least_slope([x.around(size / self.least) for x in x0])
+        near = least_slope(self.over(slopes([x.around(size / self.least) for x in x0])))
         rho = (size / max(near, self.least, key=lambda one: one.lo).least).most
         rows = [[along, mixed], [mixed, down]]
         slope = [[focal[k] * part for part in rows[k]] for k in range(2)]
@@ -181,7 +178,7 @@ class Cameras:
         size = [spread[0].root, spread[2].root]
         box = [c.around(s.most) for c, s in zip(center, size, strict=True)]
         slope = self.over(slopes(box))
-        least = _least_slope(slope)
+        least = least_slope(slope)
         if least.lo <= 0:
             raise Refused("the lens may turn back within the image of a dot", "proof")
         share = between(F(0), F(1))
@@ -191,7 +188,7 @@ class Cameras:
         return [f * part for f, part in zip(self.numbers[:2], plus(_turned(way, away), more), strict=True)]
 
 
-def _least_slope(slope: Vector) -> Bounds:
+def least_slope(slope: Vector) -> Bounds:
     """No eigenvalue of the lens's Jacobian with these entries is below the lower end (Gershgorin)."""
     along, mixed, down = slope
     a, b = along - mixed.size, down - mixed.size

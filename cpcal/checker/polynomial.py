@@ -7,6 +7,7 @@ is the sum of their integers. The first READINGS variables are those of a readin
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction as F
 from functools import cached_property, lru_cache, reduce
 from operator import add, itemgetter, mul, or_, sub
@@ -28,14 +29,16 @@ def unknown(i: int) -> int:
     return 1 << FIELD * (READINGS + i)
 
 
+@dataclass(eq=False)
 class Polynomial:
     """`sum c * monomial`, times 2 ** `exponent`; `spend` is told what an operation is going to cost.
 
     That is what it takes in tenths of a microsecond, about; coefficients of a and b bits are multiplied in a b / 2^16.
     """
 
-    def __init__(self, terms: dict[int, int], exponent: int, spend: Spend) -> None:
-        self.terms, self.exponent, self.spend = terms, exponent, spend
+    terms: dict[int, int]
+    exponent: int
+    spend: Spend
 
     @cached_property
     def bits(self) -> int:

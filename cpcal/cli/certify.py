@@ -233,11 +233,6 @@ class CertifyFlags:
     )
 
 
-def names_of(text: str) -> tuple[str, ...]:
-    """Names with commas between them."""
-    return tuple(name.strip() for name in text.split(",") if name.strip())
-
-
 def certify(
     campaign: Path = argument("CAMPAIGN", "Folder of campaign.toml, measurements.csv."),
     run: Path = output("RUN", "Folder for result.json, campaign.json, a page and certificates; replaced there."),
@@ -256,8 +251,11 @@ def certify(
     Ctrl-C, SIGTERM and limits end it with what is proved until then, and certificates of that.
     """
     legs = numbers_of(options.legs, int, "legs: give numbers with commas between them, such as 1,3", "--legs")
-    given = asdict(options) | {"ranges": True, "legs": legs, "contractors": names_of(options.contractors)}
-    models = names_of(options.model or "")
+    contractors, models = (
+        tuple(name.strip() for name in names.split(",") if name.strip())
+        for names in (options.contractors, options.model or "")
+    )
+    given = asdict(options) | {"ranges": True, "legs": legs, "contractors": contractors}
     several, changed = len(models) > 1, {k for k, v in asdict(CertifyFlags()).items() if getattr(options, k) != v}
     if several:
         refuse_options(_NOT_WITH_MODELS, changed, "with several models")

@@ -190,14 +190,15 @@ class Then(Composable):
         return total
 
 
+@dataclass(eq=False)
 class Union(Composable):
     """Hull of what either leaves: solutions of one or the other. Its steps prove nothing alone: none."""
 
-    def __init__(self, first: Contractor, second: Contractor) -> None:
-        self._first, self._second = first, second
+    first: Contractor
+    second: Contractor
 
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
-        one, two = (contracted(part, box, deadline) for part in (self._first, self._second))
+        one, two = (contracted(part, box, deadline) for part in (self.first, self.second))
         programs = one.programs + two.programs
         return Contraction(one.box.hull(two.box), (), one.point if one.point is not None else two.point, programs)
 

@@ -8,7 +8,7 @@ import pytest
 
 from cpcal.checker import Refused
 from cpcal.checker.bounds import between, number
-from cpcal.checker.lens import NEAREST, Cameras
+from cpcal.checker.lens import NEAREST, Cameras, least_slope, slopes
 from cpcal.checker.rule import Box
 from cpcal.checker.sight import SIDES, Dot, Rows, Sight, rows_of
 from cpcal.vision.camera import DELTALAB_CAMERA
@@ -124,7 +124,7 @@ def test_slopes_and_bias_are_bounded_in_the_field(numbers: tuple[float, ...]) ->
     rng = np.random.default_rng(5)
     for x in rng.uniform(-0.42, 0.42, (40, 2)).tolist():
         at = [number(F(v)) for v in x]
-        assert cameras.least.lo <= cameras.least_slope(at).lo
+        assert cameras.least.lo <= least_slope(cameras.over(slopes(at))).lo
         for part in cameras.bias(at, number(F(1, NEAREST)), [number(F(v)) for v in (0.6, -0.64, 0.48)]):
             assert part.size.hi <= cameras.field_bias[0].hi
 
