@@ -15,7 +15,7 @@ import numpy as np
 from cpcal.common.documents import KeyPath, Schema, TomlReader, array, csv_table, document, name, whole, written
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import NAME_MAX, StrPath, small_file, write_file, write_folder
-from cpcal.common.values import Floats, fill
+from cpcal.common.values import Floats, fill, floats
 from cpcal.files.tables import Table, read_table
 from cpcal.robot import EXACT_OR_NOT, ROBOTS, Campaign, ModelChoice, Pose, PoseTable, Robot, Study, Truth, Uncertainty
 from cpcal.robot.campaign import ARRAYS, QUATERNION_TOLERANCE, quaternion_problem
@@ -442,7 +442,7 @@ def load_campaign_json(path: StrPath) -> Campaign:
 def _campaign(data: dict[str, Any]) -> Campaign:
     robot, stated, asked = Robot(**data["robot"]), data["uncertainty"], data["model"]
     rows: list[list[str]] = data["measurements"]
-    numbers = np.array([[float(v) for v in row[2:]] for row in rows], np.float64).reshape(len(rows), -1)
+    numbers = floats([[float(v) for v in row[2:]] for row in rows]).reshape(len(rows), -1)
     if stated is not None and stated["factor"] is not None:
         stated["factor"] = float(stated["factor"])
     campaign = Campaign(

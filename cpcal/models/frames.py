@@ -27,7 +27,7 @@ from cpcal.checker import FORMAT
 from cpcal.checker.frames import E_, F_, R_F, R_X, SIZE, T_F, T_X, Rows, Study, asked_box
 from cpcal.checker.rule import Box
 from cpcal.common.numbers import at_most
-from cpcal.common.values import Floats
+from cpcal.common.values import Floats, norms
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, study_json
 from cpcal.robot import normalised, quaternion_from_matrix, rotation_matrix
 from cpcal.solver.certificate.exact_network import number
@@ -255,8 +255,8 @@ def spread(study: HandEyeStudy, images: Sequence[int], count: int) -> list[int]:
     place = place / max(float(np.ptp(place, axis=0).max()), 1e-9)
     where = np.concatenate([turn, place], axis=1)
     chosen = [0]
-    gap = np.linalg.norm(where - where[0], axis=1)
+    gap = norms(where - where[0])
     while len(chosen) < count:
         chosen.append(int(np.argmax(gap)))
-        gap = np.minimum(gap, np.linalg.norm(where - where[chosen[-1]], axis=1))
+        gap = np.minimum(gap, norms(where - where[chosen[-1]]))
     return sorted(images[k] for k in chosen)

@@ -28,7 +28,7 @@ from cpcal.checker.hand_eye import STUDY_FORMAT
 from cpcal.common.documents import KeyPath, TomlReader, csv_table, document, json_object, one_of, text
 from cpcal.common.errors import Problem, Problems, shown, unusable
 from cpcal.common.files import StrPath, write_folder
-from cpcal.common.values import Floats, Indices, Names, Numbers, Value, fill, frozen_array
+from cpcal.common.values import Floats, Indices, Names, Numbers, Value, fill, floats, frozen_array
 from cpcal.files.folders import existing_folder
 from cpcal.files.log import poses_of_log, read_log
 from cpcal.files.tables import Table, read_table
@@ -424,8 +424,8 @@ def load_study_json(folder: StrPath, *, undistorted: bool = False) -> HandEyeStu
     data = json_object(path, remedy, remedy)
     try:
         camera, images, points = data["camera"], data["images"], data["points"]
-        poses = np.array([row[1:] for row in images], np.float64).reshape(-1, 13)
-        numbers = np.array([row[2:] for row in points], np.float64).reshape(-1, 8)
+        poses = floats([row[1:] for row in images]).reshape(-1, 13)
+        numbers = floats([row[2:] for row in points]).reshape(-1, 8)
         width, height = camera["size"]
         focal, center, distortion = (np.array(camera[key], np.float64) for key in ("focal", "center", "distortion"))
         lens = Camera(width, height, focal, center, distortion, camera["model"])

@@ -15,7 +15,7 @@ from cpcal.checker.frames import GIVEN, unit
 from cpcal.common.errors import InputError, unusable
 from cpcal.common.least_squares import Blocks, Fit, least_squares
 from cpcal.common.numbers import nearest
-from cpcal.common.values import Floats
+from cpcal.common.values import Floats, norms
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, Setup, read_poses
 from cpcal.robot import Pose, inverse, quaternion_from_matrix, quaternion_from_rotation_vector, rotation_matrix
 from cpcal.robot.kinematics import LEAST_SPREAD, axis_text, cross_matrix, nearest_rotation, world_hand_eye
@@ -161,7 +161,7 @@ class PixelModel:
 
     def reach(self, at: ReadFrames) -> Floats:
         """What counts as a step of one in each unknown: a turn of 1 rad, and the way that it moves a point."""
-        way = float(np.linalg.norm(self.in_camera(at), axis=1).mean())
+        way = float(norms(self.in_camera(at)).mean())
         frames, readings = (np.repeat(pair, 3) for pair in ([1.0, way], [way, 1.0]))
         return np.concatenate([np.tile(frames, 2), np.tile(readings, self._images)])
 

@@ -25,7 +25,7 @@ from cpcal.common.errors import InputError, ModelError, PluginError, Problem, un
 from cpcal.common.least_squares import least_squares
 from cpcal.common.numbers import nearest
 from cpcal.common.numbers import stated as as_stated
-from cpcal.common.values import BACK, FORTH, ArrayLike, Floats, Names, Places
+from cpcal.common.values import BACK, FORTH, ArrayLike, Floats, Names, Places, floats, norms
 from cpcal.files import campaign_sha256
 from cpcal.robot import Campaign, LegEquations, leg_vectors
 from cpcal.robot.kinematics import rotation_numerators
@@ -108,7 +108,7 @@ class LegModel:
     @property
     def half_widths(self) -> Floats:
         """Of the extra parameters, in their units."""
-        return np.array([p.half_width for p in self.extra], np.float64)
+        return floats([p.half_width for p in self.extra])
 
     def equation(self, measured: Measured, offset: Expr, extra: Parameters) -> Expr:
         """g (N,) in mm; `offset` is l."""
@@ -258,7 +258,7 @@ def sag_shape(leg: Floats, length: Floats, middle: Floats | float, up: Floats) -
     """How much a leg (..., 3), of that length (...), shortens by its weight, as a share of what it would lying flat
     with the length `middle`. The chord of a uniform beam on two hinges shortens with the seventh power of its length.
     """
-    cosine = (leg @ up) / np.linalg.norm(leg, axis=-1)
+    cosine = (leg @ up) / norms(leg)
     return np.asarray((length / middle) ** 7 * (1.0 - cosine**2))
 
 
@@ -290,7 +290,7 @@ def leg_box(center: ArrayLike, delta: float, model: LegModel = PLAIN) -> Box:
 
     Rounded outward.
     """
-    x = np.asarray(center, np.float64)
+    x = floats(center)
     bounds = IntervalArray.around(x[:7], delta)
     reach = model.half_widths
     return Box(model.parameters, np.append(bounds.lo, -reach), np.append(bounds.hi, reach))
@@ -359,7 +359,7 @@ def leg_equation(
     s = net.reading(np.zeros_like(radius), 0.5 * radius) if radius.any() else None  # |2 s_i| <= radius_i
 
     def rotate(u: ArrayLike | Expr) -> Expr:
-        v = matrix @ (u if isinstance(u, Expr) else as_expr(np.asarray(u, np.float64)))
+        v = matrix @ (u if isinstance(u, Expr) else as_expr(floats(u)))
         return v if s is None else turned_rows(s, v)
 
     measured = Measured(position, length, position + rotate(b) - a, rotate, partial(drawn, campaign, leg))
@@ -509,11 +509,11 @@ class ModelResiduals:
             self._rows = Rows(equation.network)
 
     def values(self, x: ArrayLike) -> Floats:
-        at = np.asarray(x, np.float64)
+        at = floats(x)
         return self._rows.linearize(at).values if self._plain is None else self._plain.values(at[None])[:, 0]
 
     def jacobian(self, x: ArrayLike) -> Floats:
-        at = np.asarray(x, np.float64)
+        at = floats(x)
         return self._rows.linearize(at).jacobian if self._plain is None else self._plain.by_parameters(at[None])[:, 0]
 
 
@@ -568,7 +568,7 @@ def reading_range(campaign: Campaign, leg: int, model: LegModel, x: Floats, fact
     infinite where nothing is. By interval evaluation, so too wide where g holds a reading more than once."""
     equation = leg_equation(_with_sets(campaign, factor), leg, leg_box(x, 0.0, model), model=model)
     tape = Tape(equation.network, [equation.body])
-    slots = tape.forward(IntervalArray.point(np.asarray(x, np.float64)[None]))
+    slots = tape.forward(IntervalArray.point(floats(x)[None]))
     if tape.continuous(slots):
         return tape.values(slots)[0]
     return IntervalArray(np.full(len(campaign), -np.inf), np.full(len(campaign), np.inf))
@@ -577,6 +577,6 @@ def reading_range(campaign: Campaign, leg: int, model: LegModel, x: Floats, fact
 def reading_moves(campaign: Campaign, leg: int, x: ArrayLike) -> Floats:
     """(N, 7) mm: how far the half-widths of x, y, z, the three turns and the length move g of the plain model at
     (a, b, l), to first order."""
-    by_pose = LegEquations.of(campaign, [leg]).by_pose(np.asarray(x, np.float64)[None, :7])[:, 0]
+    by_pose = LegEquations.of(campaign, [leg]).by_pose(floats(x)[None, :7])[:, 0]
     radius = np.concatenate([campaign.position_radius, campaign.rotation_radius], axis=1)
     return np.column_stack([np.abs(by_pose) * radius, campaign.length_radius[:, leg - 1]])

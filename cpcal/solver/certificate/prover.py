@@ -24,7 +24,7 @@ from cpcal.checker import Refused
 from cpcal.checker.rule import Box as ExactBox
 from cpcal.checker.rule import Row, Rule, Weights
 from cpcal.common.files import replacing
-from cpcal.common.values import Bools, Floats
+from cpcal.common.values import Bools, Floats, floats
 from cpcal.solver.certificate.exact_network import Statement, exact_box, free, limits, number
 from cpcal.solver.certificate.float_rows import FloatRule, Parts, Product, Square, rows_of
 from cpcal.solver.contract import Contraction, Step, StepWeights, shrunk
@@ -226,7 +226,7 @@ class _Table:
         products = [(i, j, int(p), int(q)) for i, j, p, q, _ in given.products]
         squares = [(i, t) for i, t, _ in given.tangents]
         of_rows, of_products, of_squares = (
-            np.array([e[-1] for e in kind], np.float64) for kind in (given.rows, given.products, given.tangents)
+            floats([e[-1] for e in kind]) for kind in (given.rows, given.products, given.tangents)
         )
         proposed = Proposed(rows, products, squares, (of_rows, of_products, of_squares))
         return proposed, self._fast.parts(rows, products, squares)
@@ -439,7 +439,7 @@ class Descent:
         waiting, left, fresh = [(0, root, 0)], [], 1
         while waiting:
             name, whole, vain = waiting.pop()
-            box = self._passes(name, whole)
+            box = self._passes(name, whole, vain)
             if box is None:
                 continue
             vain = vain + 1 if self._gained_little(whole, box) else 0
@@ -464,27 +464,27 @@ class Descent:
     def _gained_little(self, before: ExactBox, after: ExactBox) -> bool:
         return bool(np.exp(np.log(_shares(before, after, self.system.asked) + 1e-9).mean()) > 1.0 - self.gain)
 
-    def _passes(self, name: int, box: ExactBox) -> ExactBox | None:
-        """What passes leave of a box, until one gains too little."""
+    def _passes(self, name: int, box: ExactBox, vain: int) -> ExactBox | None:
+        """What passes leave of a box, until one gains too little; `vain`: of the boxes before it, so many did."""
         for _ in range(_PASSES):
             if time.monotonic() > self.end:
                 self.found.timed = True
                 break
-            left = self._best(name, box)
+            left = self._best(name, box, vain)
             self.tell(left)
             if left is None or self._gained_little(box, left):
                 return left
             box = left
         return box
 
-    def _best(self, name: int, box: ExactBox) -> ExactBox | None:
-        """With columns of a few products, and of all where that gained too little; but a box that is halved anyway, and
-        wide, is not worth that."""
+    def _best(self, name: int, box: ExactBox, vain: int) -> ExactBox | None:
+        """With columns of a few products, and of all where that gained too little; but in a wide box only where the one
+        before it gained from that."""
         asked = self.system.asked
         left, given_away = self._once_over(name, box, _COARSELY, asked)
         if left is None or given_away < _NEGLIGIBLE or np.median(_shares(box, left, asked)) <= _PAYS:
             return left
-        if self.boxes > 1 and self._widest(left)[1] > _WIDE:
+        if vain and self._widest(left)[1] > _WIDE:
             return left
         return self._once_over(name, left, 0.0, asked)[0]
 

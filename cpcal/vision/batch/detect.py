@@ -26,7 +26,7 @@ from cpcal.common.codec import decoded, encoded
 from cpcal.common.documents import csv_table
 from cpcal.common.errors import unusable
 from cpcal.common.files import small_file, write_file
-from cpcal.common.values import Floats, Numbers
+from cpcal.common.values import Floats, Numbers, floats
 from cpcal.common.version import __version__
 from cpcal.robot import Pose
 from cpcal.robot.units import AXES, POSE, SHARED_COLUMNS
@@ -302,7 +302,7 @@ class Detection:
 
 def values_of(detections: Iterable[Detection]) -> Floats:
     """(m, 24): the numbers of those that have a pose."""
-    return np.array([d.values for d in detections if d.found], np.float64).reshape(-1, len(NUMBERS))
+    return floats([d.values for d in detections if d.found]).reshape(-1, len(NUMBERS))
 
 
 def detections_bytes(detections: Iterable[Detection]) -> bytes:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cpcal.common.errors import InputError, Problem, unusable
-from cpcal.common.values import ArrayLike, Names
+from cpcal.common.values import ArrayLike, Names, floats
 from cpcal.robot import Pose, PoseTable, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.batch.detect import (
     POSITION,
@@ -125,7 +125,7 @@ def study_table(detections: Sequence[Detection], readings: Mapping[tuple[str, st
     if not found:
         raise unusable("images", "none shows the target", "see the reasons in the table of poses")
     values = values_of(found)
-    length = np.array([readings[pose, run] for pose, run, _ in ids], np.float64)
+    length = floats([readings[pose, run] for pose, run, _ in ids])
     poses, runs, images = (tuple(part[k] for part in ids) for k in range(3))
     shared = values[:, SHARED]
     position, quaternion = values[:, POSITION], values[:, QUATERNION]
