@@ -200,7 +200,7 @@ class Prover:
             linked = name if uncertain else f"{name}-links"
             before = self._proof(linked, "links", before, eps, sorted(sets) or images, end)
         if before.open and not uncertain:
-            before = self._proof(f"{name}-places", "places", before, eps, images, end, _BOXES, COARSE)
+            before = self._proof(f"{name}-places", "places", before, eps, images, end, _BOXES, COARSE / 2.0)
         if before.refuted or uncertain:
             return before
         return self._proof(name, "frames", before, eps, images, end)

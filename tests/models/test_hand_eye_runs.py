@@ -25,7 +25,7 @@ from cpcal.checker.hand_eye import check_hand_eye, errors, known_point, paramete
 from cpcal.checker.readers import Refused, dyadic
 from cpcal.cli import app
 from cpcal.common.errors import InputError
-from cpcal.models import hand_eye_fit
+from cpcal.models import frames, hand_eye_fit
 from cpcal.models.frames import PlacedFrames, Prover, exact, exact_study
 from cpcal.models.hand_eye import (
     HandEyeFrames,
@@ -238,6 +238,23 @@ def test_no_stage_excludes_a_planted_truth(seed):
     x = unknowns_of(found.truth)
     assert (np.array(left.lo[:24], float) <= x).all()
     assert (x <= np.array(left.hi[:24], float)).all()
+
+
+def test_the_boards_middle_bounds_the_cameras_turn_where_single_images_bound_none(monkeypatch):
+    """A board of 24 mm, 40 to 50 px wide, and errors of 6 px, all of which the truth needs; then no time is left."""
+    found = simulate_hand_eye(setup="eye-to-hand", images=10, corners=(3, 3), pitch=12.0, pixel_error=4.0,
+                              position_error=2.0, seed=1)  # fmt: skip
+    center, truth = PlacedFrames.of(classical_answer(found.study).frames), PlacedFrames.of(found.truth)
+    prover = Prover(found.study, center.numbers, 2000.0, None, center.frames, lambda text: None)
+    eps = float(max(errors(prover.exact, truth.numbers, ())))
+    assert eps > 6.0
+    one = prover.over("", [0], eps).left
+    assert min(np.subtract(one.hi[:9], one.lo[:9])) > 0.5
+    monkeypatch.setitem(frames._GAIN, "frames", 1.0)  # one pass and no more
+    left, x = prover.over("", range(10), eps).left, unknowns_of(found.truth)
+    assert (np.array(left.lo[:24], float) <= x).all()
+    assert (x <= np.array(left.hi[:24], float)).all()
+    assert max(np.subtract(left.hi, left.lo)[list(R_X)]) < 0.2
 
 
 @pytest.mark.parametrize("at", [None, (0.0, 0.0, 0.0), (-150.0, 200.0, 900.0)])
