@@ -1,5 +1,7 @@
 """The images that a study's camera would have taken, and the way back: from detections to the study's tables."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cpcal.common.errors import InputError, Problem, unusable
-from cpcal.common.values import ArrayLike, Names, floats
+from cpcal.common.values import ArrayLike, Names
 from cpcal.robot import Pose, PoseTable, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.batch.detect import (
     POSITION,
@@ -64,7 +66,7 @@ class RenderedImages:
     seed: int
 
     @classmethod
-    def of(cls, table: PoseTable, target: Target, camera: Camera, scene: Scene, *, seed: int) -> "RenderedImages":
+    def of(cls, table: PoseTable, target: Target, camera: Camera, scene: Scene, *, seed: int) -> RenderedImages:
         """Of a table with images whose poses are exact (`simulate_study(pose_noise=0, images=...)`); an eleventh image
         of a run is the mean of its ten, as in the paper (section 2.3.2)."""
         rows = zip(table.pose, table.run, table.image or (), strict=True)
@@ -125,7 +127,7 @@ def study_table(detections: Sequence[Detection], readings: Mapping[tuple[str, st
     if not found:
         raise unusable("images", "none shows the target", "see the reasons in the table of poses")
     values = values_of(found)
-    length = floats([readings[pose, run] for pose, run, _ in ids])
+    length = np.array([readings[pose, run] for pose, run, _ in ids], np.float64)
     poses, runs, images = (tuple(part[k] for part in ids) for k in range(3))
     shared = values[:, SHARED]
     position, quaternion = values[:, POSITION], values[:, QUATERNION]
