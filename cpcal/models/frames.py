@@ -150,7 +150,7 @@ class Prover:
         # the origins: a point in the middle of the board, so that its pixels say nothing of the target's turn, and
         # where it is in the mean of the images
         off = study.points - 0.5 * (study.points.min(axis=0) + study.points.max(axis=0))
-        middle = study.points[np.argmin(np.square(off).sum(axis=1).round(6))]
+        middle = study.points[np.argmin(norms(off).round(6))]
         turn, shift = study.motions()
         mean = (turn @ (near.f_rotation @ middle + near.f_translation) + shift).mean(axis=0)
         self.hand, self.board = exact(np.round(mean * 8.0) / 8.0), exact(middle)
@@ -227,13 +227,11 @@ class Prover:
         columns: dict[str, tuple[Sequence[int], ...]] = {
             "image": (range(12), range(9)),
             "links": ((*_ROTATIONS, *T_X, *E_, *F_), _ROTATIONS, T_F),
-            "places": ((*R_X, *E_, *F_), R_X),
+            "places": ((*R_X, *E_, *F_), R_X, (), R_F),
             "frames": ((*_ROTATIONS, *E_, *F_), _ROTATIONS, (*T_F, *T_X)),
         }
         gain = _GAIN[stage] * (2.0 if coarse else 1.0)  # in many boxes a pass must pay more
-        without = R_F if stage == "places" else ()
-        system = System(rows, lifted, *columns[stage], without=without)
-        found = Descent(system, gain, boxes, coarse, end=end, tell=say).over(rows.root)
+        found = Descent(System(rows, lifted, *columns[stage]), gain, boxes, coarse, end=end, tell=say).over(rows.root)
         header = {
             "format": FORMAT, "study": self.digest, "stage": of, "images": list(images), "eps": number(eps),
             "asked": self.asked, "after": before.certificate, "poses": list(before.poses),

@@ -205,7 +205,7 @@ def _stated(name: str, constraint: NetworkConstraint, exact: ExactPolynomials) -
     return items, rows
 
 
-def _bound(bound: Expr, exact: ExactPolynomials, shape: Places) -> Objects | None:
+def _bound(bound: Expr, exact: ExactPolynomials, shape: tuple[int, ...]) -> Objects | None:
     """Element by element, None where it is infinite."""
     if np.isinf(bound.data.lo).any():
         if not np.all(bound.data.lo == bound.data.hi):

@@ -282,7 +282,7 @@ _COARSELY = 0.02  # share of a row's largest coefficient: products below it are 
 _PAYS = 0.7  # median share of the widths that programs with few columns must leave, or less
 _NEGLIGIBLE = 0.003  # half-widths: programs that give away no more of products need no more columns
 _PASSES = 80
-_WIDE = 1.0  # of an entry of a rotation: too wide for columns of all products where boxes are halved
+_WIDE = 1.0  # of an entry of a rotation: columns of all products gain little in the next box where they did in this one
 _VAIN = 5  # halvings in a row after which passes gain little: the next one would hardly help
 _NOTHING = 1e-99  # coefficients below it are none
 _NOISE = 2e-15  # of rounding, as a share of the sum of a row's terms
@@ -301,7 +301,7 @@ class System:
 
     def __init__(
         self, rows: frames.Rows | sight.Rows, lifted: Callable[[int, int], bool], asked: Sequence[int],
-        turns: Sequence[int], derived: Sequence[int] = (), *, without: Sequence[int] = (),
+        turns: Sequence[int], derived: Sequence[int] = (), without: Sequence[int] = (), *,
         wrong: int = 0, owner: Callable[[str, int], int | None] = lambda side, k: None,
     ) -> None:  # fmt: skip
         self.problem, self.asked, self.turns, self.derived = rows.problem(free), asked, list(turns), derived
@@ -490,7 +490,7 @@ class Descent:
 
     def _widest(self, box: ExactBox) -> tuple[int, F]:
         """The entry of a rotation that is known least, and how wide it is."""
-        widths = [(k, F(box.hi[k] - box.lo[k])) for k in self.system.turns]
+        widths = [(k, box.hi[k] - box.lo[k]) for k in self.system.turns]
         return max(widths, key=itemgetter(1))
 
     def _once_over(self, name: int, box: ExactBox, share: float, asked: Sequence[int]) -> tuple[ExactBox | None, float]:
