@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction as F
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import Annotated
 
 import numpy as np
 
-from cpcal.checker.bounds import Bounds, between, matrix
+from cpcal.checker.bounds import between, matrix
 from cpcal.checker.frames import GIVEN, R_F, R_X, SIZE, T_F, T_X, holds, rotation, unit
 from cpcal.checker.hand_eye import (
     BEYOND,
@@ -504,13 +504,12 @@ def _refuted(
 
 def _refusal(prover: Prover, folder: Path) -> list[str]:
     """In a sentence, why `cpcal verify` will refuse the certificates; they are checked only where it may."""
-    files = [*folder.glob("*.cert.jsonl")]
     try:
         budget = run_budget(len(prover.exact.image))
-        if _NEAR_LIMIT * sum(file.stat().st_size for file in files) > budget.left:
-            checked = HandEyeCertificates(folder, prover.exact, prover.digest, budget)
-            for file in files:
-                checked.accepted(file.name)
+        run = HandEyeCertificates(folder, prover.exact, prover.digest, budget)
+        if _NEAR_LIMIT * sum((folder / name).stat().st_size for name in run.names) > budget.left:
+            for name in sorted(run.names):
+                run.accepted(name)
     except Refused as refused:
         return [f"`cpcal verify` will refuse this run: {refused.reason}."]
     return []
@@ -597,10 +596,11 @@ def legs_in_frames(run: Result, frames: HandEyeResult) -> dict[int, ArrayPair]:
         (without, "legs", f"{without} have no ranges", "certify again, with --tolerance"),
     )
     assert ranges is not None
-    unknowns, found = _intervals(ranges.lo, ranges.hi), {}
+    unknowns = [between(F(lo), F(hi)) for lo, hi in zip(ranges.lo, ranges.hi, strict=True)]
+    found = {}
     for leg in run.legs:
         assert leg.ranges is not None
-        box = _intervals(leg.ranges.box.lo.tolist(), leg.ranges.box.hi.tolist())
+        box = [between(F(lo), F(hi)) for lo, hi in zip(leg.ranges.box.lo, leg.ranges.box.hi, strict=True)]
         joints = []
         for turn, shift, at in ((R_X, T_X, box[:3]), (R_F, T_F, box[3:6])):  # R x + t
             moved = applied(matrix([unknowns[i] for i in turn]), at)
@@ -608,7 +608,3 @@ def legs_in_frames(run: Result, frames: HandEyeResult) -> dict[int, ArrayPair]:
         low, high = zip(*((round_down(one.ends[0]), round_up(one.ends[1])) for one in joints), strict=True)
         found[leg.leg] = np.array(low), np.array(high)
     return found
-
-
-def _intervals(lo: Iterable[float], hi: Iterable[float]) -> list[Bounds]:
-    return [between(F(a), F(b)) for a, b in zip(lo, hi, strict=True)]

@@ -4,6 +4,7 @@ import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, NamedTuple
 
@@ -767,6 +768,7 @@ class Dense:
 # Bound tightening: two linear programs for each variable of a box, each bound proved from its multipliers.
 
 
+@dataclass(eq=False)
 class Programs(ABC):
     """The linear programs of one polyhedron around the solutions in a bounded box: many objectives, of some columns.
 
@@ -775,10 +777,10 @@ class Programs(ABC):
     """
 
     name = ""  # of the contractor
-    engine: Dense
-
-    def __init__(self, box: Box, columns: Mapping[int, int], size: int) -> None:
-        self.box, self.columns, self.size = box, columns, size
+    box: Box
+    columns: Mapping[int, int]
+    size: int
+    engine: Dense = field(init=False, repr=False)
 
     def lowest(self, objective: Floats, solution: LinearSolution) -> float:
         """A proved lower bound of an objective (size,) from the multipliers; here the program's numbers are exact."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from cpcal.common.values import Bools, Floats
 from cpcal.solver.interval import IntervalArray
-from cpcal.solver.interval.kernels import Arrays, check_rounding
+from cpcal.solver.interval.kernels import check_rounding
 from cpcal.solver.interval.operations import ADD, CODES
 from cpcal.solver.network import sweeps
 from cpcal.solver.network.expression import SELECTS, Expr, topological
@@ -108,7 +108,7 @@ class Tape:
     def contract(self, boxes: IntervalArray) -> IntervalArray:
         """hc4 for `root <= 0`: what is left of boxes (B, n); NaN where nothing is."""
         left = boxes.copied()
-        sweeps.contract_all(self.program, _both(self._leaves), left)
+        sweeps.contract_all(self.program, (self._leaves.lo, self._leaves.hi), left)
         return IntervalArray(*left)
 
     def continuous(self, slots: IntervalArray) -> bool:
@@ -117,7 +117,7 @@ class Tape:
 
     def _continuity(self, slots: IntervalArray) -> Bools:
         out = np.empty(len(self.program.code), np.bool_)
-        sweeps.continuity(self.program, _both(slots), out)
+        sweeps.continuity(self.program, (slots.lo, slots.hi), out)
         return out
 
     def continuous_rows(self, slots: IntervalArray) -> Bools:
@@ -151,7 +151,7 @@ class Tape:
         """Derivatives of all roots' elements over slots (M,) along `reach.order`: those at `reach.entry` mean
         something."""
         partials = np.empty((len(self.program.code), 4))  # of every operation
-        sweeps.all_partials(self.program, _both(slots), partials)
+        sweeps.all_partials(self.program, (slots.lo, slots.hi), partials)
         lo, hi = np.zeros((2, len(self.reach.order)))
         sweeps.gradients(self.program, self.reach, partials, (lo, hi))
         return IntervalArray(lo, hi)
@@ -159,7 +159,7 @@ class Tape:
     def moved(self, slots: IntervalArray, start: IntervalArray, moves: IntervalArray) -> IntervalArray:
         """`start` (K,) plus the derivatives by all readings times their `moves` (constants and readings)."""
         g, out = self.gradients(slots), start.copied()
-        sweeps.add_moves(self.program, self.reach, _both(g), _both(moves), out)
+        sweeps.add_moves(self.program, self.reach, (g.lo, g.hi), (moves.lo, moves.hi), out)
         return IntervalArray(*out)
 
     def jacobian(self, slots: IntervalArray) -> IntervalArray:
@@ -170,10 +170,6 @@ class Tape:
         row, column, entry = paths.row[of_box], paths.leaf[of_box], paths.entry[of_box]
         lo[row, column], hi[row, column] = g.lo[entry], g.hi[entry]
         return IntervalArray(lo, hi)
-
-
-def _both(x: IntervalArray) -> Arrays:
-    return x.lo, x.hi
 
 
 class _Writer:
