@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import cached_property
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from contractors.relaxation import Relaxation, Structure
+from cpcal.common.values import fill
 from cpcal.solver.contract import Composable, Contraction, StepWeights
 from cpcal.solver.existence.unique import reads
 from cpcal.solver.interval import Box, Floats, Indices, IntervalArray
@@ -205,18 +207,18 @@ class LiftedPrograms(Programs):
         return self.relaxation.value(variable, sign * solution.lowest)[0 if side == "lo" else 1]
 
     def carriers(self, solution: LinearSolution) -> tuple[tuple[tuple[int, int], ...], StepWeights]:
-        (_, kept, _), named, first = self._told, self.structure.names, len(self.relaxation.products)
-        names = [named[kept[row - first]] for row in solution.rows.tolist() if row >= first]
-        return tuple([(c, k) for c, _, k in names]), self.weights(solution)
+        (_, named, _), first = self._told, len(self.relaxation.products)
+        rows = tuple([named[row - first][::2] for row in solution.rows.tolist() if row >= first])
+        return rows, _Weights(self, solution)
 
     def weights(self, solution: LinearSolution) -> StepWeights:
         """Products of more than two variables, which no certificate has, are left out: the others prove less."""
-        products, kept, scales = self._told
-        names, forms, first = self.structure.names, self.structure.products.forms, len(products)
+        products, named, scales = self._told
+        forms, first = self.structure.products.forms, len(products)
         rows, pairs, tangents = [], [], []
         for row, weight in zip(solution.rows.tolist(), solution.multipliers.tolist(), strict=True):
             if row >= first:
-                rows.append((*names[kept[row - first]], weight * scales[row - first]))
+                rows.append((*named[row - first], weight * scales[row - first]))
                 continue
             form = forms[products[row]]
             if form is not None and len(form) == 4:
@@ -226,11 +228,25 @@ class LiftedPrograms(Programs):
         return StepWeights(tuple(rows), tuple(pairs), tuple(tangents))
 
     @cached_property
-    def _told(self) -> tuple[list[int], list[int], list[float]]:
-        """The products and the system's rows, and what a multiplier of each of these is one of the system's row
-        times."""
-        r = self.relaxation
-        return r.products.tolist(), r.kept.tolist(), np.ldexp(1.0, -r.exponents).tolist()
+    def _told(self) -> tuple[list[int], list[tuple[int, int, int]], list[float]]:
+        """The products, the names of the system's rows, and what a multiplier of each of these is one of the system's
+        row times."""
+        r, names = self.relaxation, self.structure.names
+        return r.products.tolist(), [names[k] for k in r.kept.tolist()], np.ldexp(1.0, -r.exponents).tolist()
+
+
+class _Weights(StepWeights):
+    """Formed when somebody looks at them: most searches write no certificate."""
+
+    def __init__(self, programs: LiftedPrograms, solution: LinearSolution) -> None:
+        fill(self, _form=partial(programs.weights, solution))
+
+    def __getattr__(self, name: str) -> Any:
+        fill(self, **vars(self._form()))
+        return vars(self)[name]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return StepWeights, (self.rows, self.products, self.tangents)
 
 
 class Lifted(Composable):

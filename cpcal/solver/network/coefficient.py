@@ -1,88 +1,17 @@
 """Coefficients that depend on the readings: first-order Taylor models.
 
-A coefficient is an array of shape (1 + J, *S): entry 0 is the value at the centre of the reading sets
+Coefficients are arrays (1 + J, T, E) of T terms and E elements: entry 0 is the value at the centre of the reading sets
 plus everything of second order (an interval), entry j the derivative with respect to the j-th scaled
-reading `delta_j` in [-1, 1]. Without readings the shape is (1, *S).
+reading `delta_j` in [-1, 1]. Without readings J is 0. One element stands for all of them.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common.values import Bools, Floats, Indices, Shape
+from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.compiled import compiled
-from cpcal.solver.interval import IntervalArray
-from cpcal.solver.interval.kernels import Arrays, add, at
-from cpcal.solver.interval.numbers import joined
-
-
-def combined_terms(x: IntervalArray, y: IntervalArray, of_x: Indices, of_y: Indices, sign: float) -> IntervalArray:
-    """Terms (T,) of x + sign y: those of x at `of_x` and of y at `of_y`, -1 for none."""
-    one, two, shape = _alike(x, y)
-    lo, hi = combined(one, two, of_x, of_y, sign, math.prod(shape))
-    return IntervalArray(lo, hi).reshape((*lo.shape[:2], *shape))
-
-
-def term_products(x: IntervalArray, y: IntervalArray, pairs: Indices, size: int, square: bool) -> IntervalArray:
-    """All terms of a product; `pairs` (P, 3): of x, of y, and the term (of `size`) that their product belongs to.
-
-    `square`: x is y, and a pair of two different terms stands for both orders.
-    """
-    one, two, shape = _alike(x, y)
-    lo, hi = products(one, two, pairs, size, math.prod(shape), square)
-    return IntervalArray(lo, hi).reshape((*lo.shape[:2], *shape))
-
-
-def _alike(x: IntervalArray, y: IntervalArray) -> tuple[Arrays, Arrays, Shape]:
-    """Both as `centred` takes them, and the shape that their elements have together."""
-    shape = x.shape[2:] if x.shape[2:] == y.shape[2:] else np.broadcast_shapes(x.shape[2:], y.shape[2:])
-    return _terms(x, shape), _terms(y, shape), shape
-
-
-def _shaped(c: IntervalArray, size: Shape) -> Arrays:
-    lo = np.ascontiguousarray(c.lo).reshape(size)
-    return lo, lo if c.hi is c.lo else np.ascontiguousarray(c.hi).reshape(size)
-
-
-def _terms(x: IntervalArray, shape: Shape) -> Arrays:
-    """Bounds (1 + J, T, E) of elements of a shape, or (1 + J, T, 1) where all are the same."""
-    if math.prod(x.shape[2:]) == 1 and x.shape[2:] != shape:
-        return _shaped(x, (*x.shape[:2], 1))
-    return _shaped(x.broadcast_to((*x.shape[:2], *shape)), (*x.shape[:2], math.prod(shape)))
-
-
-def total_over(x: IntervalArray, axis: int) -> IntervalArray:
-    """The sum of the elements along one of their axes, counted from 0."""
-    shape = x.shape
-    flat = (shape[0], math.prod(shape[1 : axis + 1]), shape[axis + 1], math.prod(shape[axis + 2 :]))
-    return IntervalArray(*centred_sums(_shaped(x, flat))).reshape((*shape[: axis + 1], *shape[axis + 2 :]))
-
-
-def reciprocal(x: IntervalArray) -> IntervalArray:
-    """`1 / x = 1/m - h/m^2 + h^2 / (m^2 (m + h))` with value m and h = sum x_j delta_j."""
-    m = x[:1]
-    value = 1.0 / m
-    if x.shape[0] == 1:
-        return value
-    h, m2 = _moves(x), m.sqr()
-    value, slopes = value + h.sqr() / (m2 * (m + h)), -(x[1:] / m2)
-    return joined([value, slopes], 0)
-
-
-def total(x: IntervalArray) -> IntervalArray:
-    """The whole range over the reading sets, shape (1, *S)."""
-    if x.shape[0] == 1:
-        return x
-    return x[:1] + _moves(x)
-
-
-def _moves(x: IntervalArray) -> IntervalArray:
-    """What all readings together add, (1, *S); a share covers the rounding of it, and of what is made of it."""
-    share = (2 * len(x.lo) + 64) * np.finfo(np.float64).eps
-    bound = x[1:].mag.sum(axis=0, keepdims=True) * (1.0 + share)
-    return IntervalArray(-bound, bound)
-
+from cpcal.solver.interval.kernels import Arrays, Bounds, add, at, div, mul, neg, sqr
 
 # ------------------------------------------------------------------------------------------------------------------
 # Products and sums of coefficients from midpoints, compiled, with one bound for all that they leave out.
@@ -91,7 +20,7 @@ def _moves(x: IntervalArray) -> IntervalArray:
 # what rounding does to a slope s_j is an error of that size in the value, so that e covers it. The loops have no
 # branches: processors do four elements at a time. With unit roundoff u a sum of n products errs by at most
 # n u / (1 - n u) times the sum of their sizes; `_gamma` is more than twice that, which covers the roundings of the
-# bound itself. Arrays are (1 + J, terms, E) for E elements; one element stands for all of them.
+# bound itself.
 
 _UNIT = 2.0**-53
 _UNDERFLOW = 1e-300  # more than all that products lose that are too small
@@ -263,4 +192,43 @@ def combined(x: Arrays, y: Arrays, of_x: Indices, of_y: Indices, sign: float, co
                     a, b = at(y, (s, of_y[t], k * at_y))
                     other = (a, b) if sign > 0.0 else (-b, -a)
                     lo[s, t, k], hi[s, t, k] = add((lo[s, t, k], hi[s, t, k]), other)
+    return lo, hi
+
+
+@compiled
+def _moves(x: Arrays, t: int, k: int) -> Bounds:
+    """What all readings together add; a share covers the rounding of it, and of what is made of it."""
+    slots, reach = x[0].shape[0], 0.0
+    for s in range(1, slots):
+        low, high = at(x, (s, t, k))
+        reach += max(abs(low), abs(high))
+    reach *= 1.0 + (4.0 * slots + 128.0) * _UNIT
+    return -reach, reach
+
+
+@compiled
+def total(x: Arrays) -> Arrays:
+    """The whole range (1, T, E) over the reading sets."""
+    lo, hi = x[0][:1].copy(), x[1][:1].copy()
+    for t in range(lo.shape[1]):
+        for k in range(lo.shape[2]):
+            lo[0, t, k], hi[0, t, k] = add((lo[0, t, k], hi[0, t, k]), _moves(x, t, k))
+    return lo, hi
+
+
+@compiled
+def reciprocal(x: Arrays) -> Arrays:
+    """`1 / x = 1/m - h/m^2 + h^2 / (m^2 (m + h))` with value m and h = sum x_j delta_j."""
+    slots, terms, count = x[0].shape
+    lo, hi = np.empty((slots, terms, count)), np.empty((slots, terms, count))
+    for t in range(terms):
+        for k in range(count):
+            m, h = at(x, (0, t, k)), _moves(x, t, k)
+            squared = sqr(m)
+            own = div((1.0, 1.0), m)
+            if slots > 1:
+                own = add(own, div(sqr(h), mul(squared, add(m, h))))
+            lo[0, t, k], hi[0, t, k] = own
+            for s in range(1, slots):
+                lo[s, t, k], hi[s, t, k] = neg(div(at(x, (s, t, k)), squared))
     return lo, hi

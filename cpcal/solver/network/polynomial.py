@@ -15,21 +15,16 @@ import numpy as np
 
 from cpcal.common.values import Bools, Indices, Names, Shape
 from cpcal.solver.interval import IntervalArray
+from cpcal.solver.interval.kernels import Arrays
 from cpcal.solver.interval.operations import CODES
 from cpcal.solver.network import coefficient as coef
-from cpcal.solver.network.expression import Constraint, Expr, as_expr, sqr, topological
+from cpcal.solver.network.expression import Constraint, Expr, as_expr, positions, sqr, topological
 from cpcal.solver.network.network import ConstraintNetwork, passes_down
 from cpcal.solver.network.tape import ReadingSets, Tape
 
 Monomial = tuple[int, ...]
 Monomials = tuple[Monomial, ...]
-Polynomial = tuple[Monomials, IntervalArray]  # with coefficients (1 + J, T, *B)
-
-
-def _aligned(c: IntervalArray, rank: int) -> IntervalArray:
-    """Coefficients of an array of `rank`."""
-    missing = rank + 2 - len(c.shape)
-    return c if missing == 0 else c.reshape((*c.shape[:2], *(1,) * missing, *c.shape[2:]))
+Polynomial = tuple[Monomials, Arrays]  # with coefficients (1 + J, T, E)
 
 
 @lru_cache(maxsize=256)
@@ -62,14 +57,15 @@ class NotPolynomial(Exception):
 
 
 class PolynomialArray(NamedTuple):
-    """Elements of shape `shape`: the sum of `monomials` (T of them) times `coefficients` (1 + J, T, *B).
+    """Elements of shape `shape`: the sum of `monomials` (T of them) times `coefficients`.
 
-    B broadcasts to the shape; the first axis is that of `coefficient`.
+    Their lower and upper bounds are (1 + J, T, E) for E elements in C order, or for E = 1 where all are the same; the
+    first axis is that of `coefficient`.
     """
 
     shape: Shape
     monomials: Monomials
-    coefficients: IntervalArray
+    coefficients: Arrays
     reads: bool = False  # whether readings with a measurement axis occur
 
     @property
@@ -77,12 +73,21 @@ class PolynomialArray(NamedTuple):
         return all(m == () for m in self.monomials)
 
     @property
-    def constant(self) -> IntervalArray:
-        """The coefficient of 1, which is zero where it is not listed."""
-        c = self.coefficients
-        return (
-            c[:, self.monomials.index(())] if () in self.monomials else IntervalArray.point(np.zeros((1, *c.shape[2:])))
-        )
+    def constant(self) -> Arrays:
+        """The coefficient of 1 (1 + J, 1, E), which is zero where it is not listed."""
+        lo, hi = self.coefficients
+        if () not in self.monomials:
+            return np.zeros((1, 1, 1)), np.zeros((1, 1, 1))
+        place = [self.monomials.index(())]
+        return lo.take(place, 1), hi.take(place, 1)
+
+    def of_elements(self, shape: Shape) -> Arrays:
+        """The coefficients of the elements broadcast to a shape; of one where all are the same."""
+        lo, hi = self.coefficients
+        if lo.shape[2] in (1, math.prod(shape)):
+            return lo, hi
+        places = np.broadcast_to(positions(self.shape), shape).ravel()
+        return lo.take(places, 2), hi.take(places, 2)
 
 
 class Expander:
@@ -137,29 +142,26 @@ class Expander:
             raise found
         return found
 
-    def _node(
-        self, node: Expr, args: list[PolynomialArray], readings: Mapping[bytes, IntervalArray]
-    ) -> PolynomialArray:
+    def _node(self, node: Expr, args: list[PolynomialArray], readings: Mapping[bytes, Arrays]) -> PolynomialArray:
         if node.op == "variable":
-            places = self._places[node.digest].ravel().tolist()
-            unit = IntervalArray.point(np.eye(len(places)).reshape((1, len(places), *node.shape)))
-            return PolynomialArray(node.shape, tuple((k,) for k in places), unit)
+            places, unit = self._places[node.digest].ravel().tolist(), np.eye(node.size)[None]
+            return PolynomialArray(node.shape, tuple((k,) for k in places), (unit, unit))
         if node.op == "constant":
-            return PolynomialArray(node.shape, ((),), IntervalArray(*node.data.copied())[None, None])
+            lo, hi = node.data.copied()
+            return PolynomialArray(node.shape, ((),), (lo.reshape(1, 1, -1), hi.reshape(1, 1, -1)))
         if node.op == "reading":
             return PolynomialArray(node.shape, ((),), readings[node.digest], reads=bool(node.shape))
-        monomials, coefficients = self._operation(node, args)
+        monomials, (lo, hi) = self._operation(node, args)
         if node.digest not in self._keep:
-            some = (coefficients.lo != 0.0) | (coefficients.hi != 0.0)
             constant = np.array([m == () for m in monomials], np.bool_)
-            self._keep[node.digest] = some.any(axis=(0, *range(2, some.ndim))) | constant
+            self._keep[node.digest] = ((lo != 0.0) | (hi != 0.0)).any(axis=(0, 2)) | constant
         keep = self._keep[node.digest]
         if not keep.all():
             monomials = tuple(m for m, kept in zip(monomials, keep.tolist(), strict=True) if kept)
-            coefficients = coefficients[:, keep]
-        return PolynomialArray(node.shape, monomials, coefficients, any(arg.reads for arg in args))
+            lo, hi = lo.compress(keep, 1), hi.compress(keep, 1)
+        return PolynomialArray(node.shape, monomials, (lo, hi), any(arg.reads for arg in args))
 
-    def _allotted(self, sets: Mapping[bytes, IntervalArray]) -> dict[bytes, IntervalArray]:
+    def _allotted(self, sets: Mapping[bytes, IntervalArray]) -> dict[bytes, Arrays]:
         """Every reading's coefficients: one `delta_j` for each component whose set has a width in some row."""
         parts = []
         count = 1
@@ -178,52 +180,65 @@ class Expander:
             for k, j in enumerate(moving.tolist()):
                 column = radius[:, j]
                 flat[first + k, :, j] = np.where(column == 0.0, 0.0, np.nextafter(column, np.inf))
-            out[node.digest] = IntervalArray(slopes[:, None], slopes[:, None])
+            slopes = slopes.reshape(len(slopes), 1, -1)
+            out[node.digest] = slopes, slopes
         return out
 
     def _operation(self, node: Expr, args: list[PolynomialArray]) -> Polynomial:
         x, op = args[0], node.op
         known = all(arg.is_constant for arg in args) and op not in ("index", "sum")
-        if known and not any(arg.coefficients.shape[0] > 1 for arg in args):
+        if known and all(len(arg.coefficients[0]) == 1 for arg in args):
             return _over_readings(node, args)
+        lo, hi = x.coefficients
         if op == "neg":
-            return x.monomials, -x.coefficients
-        if op in ("index", "sum"):
-            full = x.coefficients.broadcast_to((*x.coefficients.shape[:2], *x.shape))
-            if op == "sum":
-                return x.monomials, coef.total_over(full, node.parameter + 1)
-            return x.monomials, full.reshape((*full.shape[:2], math.prod(full.shape[2:])))[:, :, node.places]
-        one, *other = [(arg.monomials, _aligned(arg.coefficients, node.ndim)) for arg in args]
+            return x.monomials, (-hi, -lo)
+        if op == "index":
+            same = lo.shape[2] == 1
+            return x.monomials, (lo, hi) if same else (lo.take(node.places.ravel(), 2), hi.take(node.places.ravel(), 2))
+        if op == "sum":
+            before, count = math.prod(x.shape[: node.parameter]), x.shape[node.parameter]
+            if lo.shape[2] == 1:
+                lo, hi = (side.repeat(math.prod(x.shape), 2) for side in (lo, hi))
+            full = (len(lo), lo.shape[1] * before, count, -1)
+            lo, hi = coef.centred_sums((lo.reshape(full), hi.reshape(full)))
+            own = (len(lo), len(x.monomials), -1)
+            return x.monomials, (lo.reshape(own), hi.reshape(own))
+        one, *other = [(arg.monomials, arg.of_elements(node.shape)) for arg in args]
         if op in ("add", "sub"):
             monomials, of_x, of_y = _union(one[0], other[0][0])
-            return monomials, coef.combined_terms(one[1], other[0][1], of_x, of_y, 1.0 if op == "add" else -1.0)
+            sign = 1.0 if op == "add" else -1.0
+            return monomials, coef.combined(one[1], other[0][1], of_x, of_y, sign, node.size)
         if op == "mul":
-            return self._product(one, other[0])
+            return _product(one, other[0], node.size)
         if op == "sqr":
-            return self._product(one, one, square=True)
+            return _product(one, one, node.size, square=True)
         if op == "power" and node.parameter >= 0:
-            out: Polynomial = ((),), IntervalArray.point(np.ones((1, 1) + (1,) * node.ndim))
+            out: Polynomial = ((),), (np.ones((1, 1, 1)), np.ones((1, 1, 1)))
             for _ in range(node.parameter):
-                out = self._product(out, one)
+                out = _product(out, one, node.size)
             return out
         if op == "div" and args[1].is_constant:
-            return self._product(one, (((),), _aligned(coef.reciprocal(args[1].constant)[:, None], node.ndim)))
+            divisor = args[1]._replace(monomials=((),), coefficients=coef.reciprocal(args[1].constant))
+            return _product(one, (((),), divisor.of_elements(node.shape)), node.size)
         if known:
             return _over_readings(node, args)
         raise NotPolynomial(f"{op!r} of an expression with variables")
 
-    def _product(self, x: Polynomial, y: Polynomial, square: bool = False) -> Polynomial:
-        if len(x[0]) * len(y[0]) > _MOST_PRODUCTS:
-            raise NotPolynomial(f"a product of {len(x[0]) * len(y[0])} terms")
-        monomials, table = _products(x[0], y[0], square)
-        return monomials, coef.term_products(x[1], y[1], table, len(monomials), square)
+
+def _product(x: Polynomial, y: Polynomial, count: int, square: bool = False) -> Polynomial:
+    """Of `count` elements."""
+    if len(x[0]) * len(y[0]) > _MOST_PRODUCTS:
+        raise NotPolynomial(f"a product of {len(x[0]) * len(y[0])} terms")
+    monomials, table = _products(x[0], y[0], square)
+    return monomials, coef.products(x[1], y[1], table, len(monomials), count, square)
 
 
 def _over_readings(node: Expr, args: list[PolynomialArray]) -> Polynomial:
     """Any operation on constants, over all readings in their sets."""
-    known = [coef.total(arg.constant) for arg in args]
-    own = [v.reshape(v.shape[1:]).broadcast_to(node.shape) for v in known]
-    return ((),), own[0].apply(CODES[node.op], own[-1], node.parameter)[None, None]
+    known = [[side[0, 0] for side in coef.total(arg.constant)] for arg in args]
+    own = [IntervalArray(*v).broadcast_to((a.size,)).reshape(a.shape) for v, a in zip(known, node.args, strict=True)]
+    values = own[0].apply(CODES[node.op], own[-1], node.parameter).reshape((1, 1, node.size))
+    return ((),), (values.lo, values.hi)
 
 
 def pairs(monomials: Iterable[Monomial]) -> int:
@@ -440,7 +455,7 @@ def _system(network: ConstraintNetwork, rows: list[Expanded], leftover: list[tup
     monomials = _closed({m for p in forms for m in p.monomials})
     of_guards = {m for g in guards if g is not None for m in g.monomials}
     guard_columns = [k for k, m in enumerate(monomials) if m in of_guards]
-    slots = max((p.coefficients.shape[0] for p in forms), default=1)
+    slots = max((len(p.coefficients[0]) for p in forms), default=1)
     counts = np.array([math.prod(q.shape) for q in bodies], np.intp)
     origins, parts, before = [np.zeros((0, 2), np.intp)], [], Counter[int]()
     for (row, *_), count in zip(rows, counts.tolist(), strict=True):
@@ -479,9 +494,7 @@ def _table(forms: Sequence[PolynomialArray | None], counts: Indices, monomials: 
     place, start = {m: k for k, m in enumerate(monomials)}, 0
     for p, count in zip(forms, counts.tolist(), strict=True):
         if p is not None:
-            c = p.coefficients
-            full = c.broadcast_to((*c.shape[:2], *p.shape)).reshape((*c.shape[:2], count))
-            where = slice(c.shape[0]), [place[m] for m in p.monomials], slice(start, start + count)
-            lo[where], hi[where] = full.lo, full.hi
+            where = slice(len(p.coefficients[0])), [place[m] for m in p.monomials], slice(start, start + count)
+            lo[where], hi[where] = p.coefficients
         start += count
     return IntervalArray(lo.transpose(0, 2, 1), hi.transpose(0, 2, 1))
