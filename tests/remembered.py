@@ -36,4 +36,4 @@ def verify_once(monkeypatch: pytest.MonkeyPatch) -> None:
     honest = LegCertificates.accepted
     monkeypatch.setattr(LegCertificates, "accepted", accepted)
     monkeypatch.setattr(verify, "check", once)
-    monkeypatch.setattr(verify, "executor_for", lambda count: executor_for(1))
+    monkeypatch.setattr(verify, "executor_for", lambda count, **_: executor_for(1))

@@ -160,7 +160,9 @@ PARAMETERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 EXTRA = {"plain": (), "gain": ("s",), "lateral": ("h",)}
 _SURE, AXES = ("plain", "lateral"), range(3)
 _KEPT = 4096  # measurements
-POINT_WORK, _POINT_BITS = 300, 16  # of a measurement at a point, and of bits times bits of its longest number a part
+_MOST_POSES, _SHORT = 1 << 15, 128  # poses that are kept, with numbers of so many bits behind the point
+# of a measurement at a point, of one that is exact, and of bits times bits of its longest number a part
+POINT_WORK, _EXACT_WORK, _POINT_BITS = 300, 50, 16
 _BATCH, _HELD = 256, 16 << 20  # measurements at once; bytes, about, that what is formed for them takes meanwhile
 
 
@@ -184,9 +186,10 @@ def leg_problem(
     model: str,
     only: tuple[int, ...] | None,
     forms: Sequence[Polynomial] = (),
+    exact: Callable[[int], tuple[Pose, float]] | None = None,
 ) -> Problem:
     """`count` measurements of a leg, or `only` those. The `forms`, polynomials in its unknowns, are unknowns too; that
-    each is equal to its polynomial is a constraint beyond the measurements."""
+    each is equal to its polynomial is a constraint beyond the measurements. `exact`: these where all are exact."""
     names, known = (*PARAMETERS, *EXTRA[model], "eps"), lru_cache(_KEPT)(rows)
     n, nothing = len(names), [Polynomial({}, 0, form.spend) for form in forms[:1]]
     stated = [
@@ -197,11 +200,21 @@ def leg_problem(
     def constraint(k: int, x: Unknowns, signs: str) -> LegConstraint | Constraint:
         return LegConstraint(known(k), model, x.first(n), signs) if k < count else stated[k - count].on(x.images)
 
+    def at(x: Unknowns, factor: F | None) -> Callable[[int, str], bool]:
+        point = At(x.first(n), model, factor)
+
+        def holds(k: int, signs: str) -> bool:
+            if k >= count:
+                return stated[k - count].on(x.images).held
+            return point.holds(known(k), signs) if exact is None else point.meets(*exact(k))
+
+        return holds
+
     chosen = tuple(range(count)) if only is None else only
     return Problem(
         (*names, *(f"form {m}" for m in range(len(forms)))), n - 1, count + len(forms),
         (*chosen, *range(count, count + len(forms))), constraint, lambda k: known(k).radii if k < count else (),
-        (*SIDES, "length"), model, settled=settled_legs,
+        (*SIDES, "length"), model, settled=settled_legs, at=at,
     )  # fmt: skip
 
 
@@ -219,70 +232,116 @@ class LegConstraint:
         """Whether at_least is not negative at any solution."""
         return self.model in _SURE
 
-    def held(self, factor: F | None) -> bool:
-        """Whether it is proved that a point satisfies it, for some reading between the end M of its set that the signs
-        name and -M; with a `factor` for all readings of sets with so many times the half-widths.
+
+class Pose(NamedTuple):
+    """What a pose (q, P) gives to |q|^2 |P + R b - a|^2, which is an inner product with what `At` gives to it."""
+
+    power: int  # p: numbers are whole over 2 ** p, and those in `parts` over 2 ** (4 p)
+    n: int  # |q|^2
+    parts: tuple[int, ...]  # with 1, -2 a, 2 b, |a|^2 + |b|^2 - h, -2 a_i b_j
+
+    @staticmethod
+    def of(pose: Sequence[float]) -> Pose:
+        """Of a quaternion and a position."""
+        (*q, x, y, z), p = dyadics(pose)
+        n, turn, place = inner(q, q), rotation_rows(q), (x, y, z)
+        parts = [n * inner(place, place), *(n * v << p for v in place)]
+        parts += [inner(column, place) << p for column in zip(*turn, strict=True)]
+        return Pose(p, n, (*parts, n << 2 * p, *(v << 2 * p for row in turn for v in row)))
+
+
+class At:
+    """A point, of which it is proved measurement by measurement that it satisfies them.
+
+    That is for some reading between the end M of its set that the signs name and -M; with a `factor` for all readings
+    of sets with so many times the half-widths.
+    """
+
+    def __init__(self, x: Unknowns, model: str, factor: F | None) -> None:
+        self.x, self.factor = x, factor
+        (*ab, self.offset), extra, self.eps = x.at.values[:7], x.at.values[7:-1], x.at.values[-1]
+        self.a, self.b, self.one = ab[:3], ab[3:], 1 << x.at.power
+        self.gain = self.one + extra[0] if model == "gain" else self.one
+        self.h = extra[0] if model == "lateral" else 0
+        doubled = [*(-2 * self.one * v for v in self.a), *(2 * self.one * v for v in self.b)]
+        sizes = inner(ab, ab) - self.one * self.h
+        self.parts = (self.one * self.one, *doubled, sizes, *(-2 * i * j for i in self.a for j in self.b))
+
+    def meets(self, pose: Pose, reading: float) -> bool:
+        """One whose reading is exact."""
+        (p, n, parts), (above, below) = pose, reading.as_integer_ratio()
+        own = below.bit_length() - 1
+        unit = max(p, own)  # of the reading
+        read, offset, off = above << unit - own, self.offset << unit, self.eps << unit
+        length, square = self.gain * read + offset, sum(map(mul, parts, self.parts)) << 2 * (unit - p)
+        self.x.spend(_EXACT_WORK + (square.bit_length() ** 2 >> _POINT_BITS))
+        high, low = length + off, length - off
+        if not 0 <= off <= self.one * read + offset or high < 0 or (self.factor is not None and low < 0):
+            return False
+        return 0 <= square <= n * high * high and (low <= 0 or n * low * low <= square)
+
+    def holds(self, m: Measurement, signs: str) -> bool:
+        """One whose reading its signs name.
 
         Numbers are whole, over one power of two; a product of k of them is of degree k, and so are sums of these. See
         docs/certificate-format.md, "The claims", for every name here.
         """
-        m, model, x, signs = self.m, self.model, self.x, self.signs
+        if not m.uncertain:
+            return self.meets(Pose.of(m.given[:7]), m.given[7])
+        factor, at = self.factor, self.x.at
         given, radii, (above, below) = dyadics(m.given), dyadics(m.radii), (factor or F(1)).as_integer_ratio()
-        p = max(given.power, radii.power + below.bit_length(), x.at.power)
-        one, more, point = 1 << p, p - radii.power - below.bit_length() + 1, x.at.over(p)
+        p = max(given.power, radii.power + below.bit_length(), at.power)
+        one, more, up = 1 << p, p - radii.power - below.bit_length() + 1, p - at.power
         q0, q1, q2, q3, *place, read = given.over(p)
         r1, r2, r3, *turns, rl = [0] * READINGS if factor == 0 else [above * width << more for width in radii.values]
         t1, t2, t3 = (width >> 1 for width in turns)
-        (a1, a2, a3, b1, b2, b3, offset), extra, eps = point[:7], point[7:-1], point[-1]
+        a1, a2, a3, b1, b2, b3, offset, gain, h, eps = (
+            v << up for v in (*self.a, *self.b, self.offset, self.gain, self.h, self.eps)
+        )
         if eps < 0 or read - rl + offset < eps:
             return False
         # n = |q|^2, c = n R(q) b, w = P - a
         n, turn = q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3, rotation_rows((q0, q1, q2, q3))
         c1, c2, c3 = (i * b1 + j * b2 + k * b3 for i, j, k in turn)
         w1, w2, w3 = place[0] - a1, place[1] - a2, place[2] - a3
-        gain, off = one + extra[0] if model == "gain" else one, eps << p
+        off = eps << p
         if factor is not None and gain * read + (offset << p) < abs(gain) * rl + off:
             return False
-        square = w1 * w1 + w2 * w2 + w3 * w3 + b1 * b1 + b2 * b2 + b3 * b3
-        if model == "lateral":
-            square -= extra[0] << p
-        kappa, e = n << 2 * p, 0
-        most = least = n * square + 2 * (w1 * c1 + w2 * c2 + w3 * c3) << 4 * p
-        if m.uncertain:
-            x1, x2, x3 = c2 * w3 - c3 * w2, c3 * w1 - c1 * w3, c1 * w2 - c2 * w1  # of degree 4
-            slack = 0
-            if factor is None:
-                d1, d2, d3, s1, s2, s3, e = (
-                    -ENDS[sign][0] * r for sign, r in zip(signs, (r1, r2, r3, t1, t2, t3, rl), strict=True)
-                )
-            else:
-                shift, swing, size = r1 + r2 + r3, t1 + t2 + t3, n * (abs(b1) + abs(b2) + abs(b3))
-                bent = swing * size * (5 * swing * (abs(w1) + abs(w2) + abs(w3) + shift) + (3 * shift << p))
-                curved, slopes, swings = 3 * swing * swing * size, [], []
-                axes = (c1, w1, r1, t1, x1), (c2, w2, r2, t2, x2), (c3, w3, r3, t3, x3)
-                for i in AXES:
-                    (ci, wi, ri, ti, xi), (cj, wj, rj, tj, _), (ck, wk, rk, tk, _) = axes[i], axes[i - 2], axes[i - 1]
-                    by_c, of_w, of_c = abs(ci), tj * abs(wj) + tk * abs(wk), tj * abs(cj) + tk * abs(ck)
-                    turning = by_c * of_w + abs(wi) * of_c + 2 * ti * abs(cj * wj + ck * wk)
-                    moved = (n * ri << 2 * p) + (2 * (tj * abs(ck) + tk * abs(cj)) << p) + curved
-                    slopes.append((n * wi + ci << 2 * p, moved, ri))
-                    swings.append((xi << 2 * p, (turning << p) + (rj * abs(ck) + rk * abs(cj) << 2 * p) + bent, ti))
-                slack = sum((4 * r * max(far - abs(g), 0) << p for g, far, r in slopes), 0)
-                slack = -(-slack - sum(8 * t * max(far - abs(g), 0) for g, far, t in swings) >> p)
-                d1, d2, d3, s1, s2, s3 = (r if g > 0 else -r for g, _, r in (*slopes, *swings))
-                e = -rl if gain > 0 else rl
-            # at this reading and at the opposite one, with (1 + s.s): what is even in the reading, and what is odd
-            over = (one << p) + s1 * s1 + s2 * s2 + s3 * s3
-            less, kappa, sc = (one << p + 1) - over, n * over, s1 * c1 + s2 * c2 + s3 * c3
-            square += d1 * d1 + d2 * d2 + d3 * d3
-            across = s1 * (c2 * d3 - c3 * d2) + s2 * (c3 * d1 - c1 * d3) + s3 * (c1 * d2 - c2 * d1)
-            even = kappa * square + 2 * less * (w1 * c1 + w2 * c2 + w3 * c3)
-            even += 4 * (sc * (s1 * w1 + s2 * w2 + s3 * w3) + (across << p))
-            odd = 2 * (kappa * (w1 * d1 + w2 * d2 + w3 * d3) + less * (c1 * d1 + c2 * d2 + c3 * d3))
-            odd += 4 * (sc * (s1 * d1 + s2 * d2 + s3 * d3) + (s1 * x1 + s2 * x2 + s3 * x3 << p))
-            slack *= over
-            most, least = (even + odd << 2 * p) + slack, (even - odd << 2 * p) - slack  # of degree 8
-        x.spend(POINT_WORK + (most.bit_length() ** 2 >> _POINT_BITS))
+        square = w1 * w1 + w2 * w2 + w3 * w3 + b1 * b1 + b2 * b2 + b3 * b3 - (h << p)
+        x1, x2, x3 = c2 * w3 - c3 * w2, c3 * w1 - c1 * w3, c1 * w2 - c2 * w1  # of degree 4
+        slack = 0
+        if factor is None:
+            d1, d2, d3, s1, s2, s3, e = (
+                -ENDS[sign][0] * r for sign, r in zip(signs, (r1, r2, r3, t1, t2, t3, rl), strict=True)
+            )
+        else:
+            shift, swing, size = r1 + r2 + r3, t1 + t2 + t3, n * (abs(b1) + abs(b2) + abs(b3))
+            bent = swing * size * (5 * swing * (abs(w1) + abs(w2) + abs(w3) + shift) + (3 * shift << p))
+            curved, slopes, swings = 3 * swing * swing * size, [], []
+            axes = (c1, w1, r1, t1, x1), (c2, w2, r2, t2, x2), (c3, w3, r3, t3, x3)
+            for i in AXES:
+                (ci, wi, ri, ti, xi), (cj, wj, rj, tj, _), (ck, wk, rk, tk, _) = axes[i], axes[i - 2], axes[i - 1]
+                by_c, of_w, of_c = abs(ci), tj * abs(wj) + tk * abs(wk), tj * abs(cj) + tk * abs(ck)
+                turning = by_c * of_w + abs(wi) * of_c + 2 * ti * abs(cj * wj + ck * wk)
+                moved = (n * ri << 2 * p) + (2 * (tj * abs(ck) + tk * abs(cj)) << p) + curved
+                slopes.append((n * wi + ci << 2 * p, moved, ri))
+                swings.append((xi << 2 * p, (turning << p) + (rj * abs(ck) + rk * abs(cj) << 2 * p) + bent, ti))
+            slack = sum((4 * r * max(far - abs(g), 0) << p for g, far, r in slopes), 0)
+            slack = -(-slack - sum(8 * t * max(far - abs(g), 0) for g, far, t in swings) >> p)
+            d1, d2, d3, s1, s2, s3 = (r if g > 0 else -r for g, _, r in (*slopes, *swings))
+            e = -rl if gain > 0 else rl
+        # at this reading and at the opposite one, with (1 + s.s): what is even in the reading, and what is odd
+        over = (one << p) + s1 * s1 + s2 * s2 + s3 * s3
+        less, kappa, sc = (one << p + 1) - over, n * over, s1 * c1 + s2 * c2 + s3 * c3
+        square += d1 * d1 + d2 * d2 + d3 * d3
+        across = s1 * (c2 * d3 - c3 * d2) + s2 * (c3 * d1 - c1 * d3) + s3 * (c1 * d2 - c2 * d1)
+        even = kappa * square + 2 * less * (w1 * c1 + w2 * c2 + w3 * c3)
+        even += 4 * (sc * (s1 * w1 + s2 * w2 + s3 * w3) + (across << p))
+        odd = 2 * (kappa * (w1 * d1 + w2 * d2 + w3 * d3) + less * (c1 * d1 + c2 * d2 + c3 * d3))
+        odd += 4 * (sc * (s1 * d1 + s2 * d2 + s3 * d3) + (s1 * x1 + s2 * x2 + s3 * x3 << p))
+        slack *= over
+        most, least = (even + odd << 2 * p) + slack, (even - odd << 2 * p) - slack  # of degree 8
+        self.x.spend(POINT_WORK + (most.bit_length() ** 2 >> _POINT_BITS))
         high, low = gain * (read + e) + (offset << p), gain * (read - e) + (offset << p)
         if high + off < 0 or most > kappa * (high + off) ** 2 or least < 0:
             return False
@@ -421,10 +480,11 @@ class ExactCampaign:
     def __init__(self, path: Path) -> None:
         """Raises Unusable where the file cannot be read, Refused where it is no campaign."""
         self.robot: Any = None
-        self.legs = 0
+        self.legs, self.exact = 0, True  # of all readings
         self.place: dict[str, int] = {}  # number of each measurement by its name, pose/run
         self._numbers = array_of("d")
         self._shortest: dict[int, F] = {}
+        self._poses: dict[int, Pose] = {}
         try:
             given = content(path, _LARGEST)
             self.sha256 = sha256(given).hexdigest()
@@ -450,6 +510,7 @@ class ExactCampaign:
                 raise Refused("a measurement has a quaternion that is no rotation, or a negative half-width")
             if self.place.setdefault(name, len(self.place)) * len(numbers) < len(self._numbers):
                 raise Refused(f"two measurements have the name {shown(name)}")
+            self.exact = self.exact and not any(numbers[7 + self.legs :])
             self._numbers.extend(numbers)
         if not self.place:
             raise Refused("it lacks measurements")
@@ -463,6 +524,16 @@ class ExactCampaign:
         numbers = self._numbers[k * width : (k + 1) * width]
         given = (*numbers[3:7], *numbers[:3], numbers[6 + leg])
         return Measurement(given, (*numbers[first : first + 6], numbers[first + 5 + leg]))
+
+    def pose(self, k: int, leg: int) -> tuple[Pose, float]:
+        """Of row k, and the reading of a leg."""
+        first = k * (13 + 2 * self.legs)
+        found = self._poses.get(k)
+        if found is None:
+            found = Pose.of((*self._numbers[first + 3 : first + 7], *self._numbers[first : first + 3]))
+            if len(self._poses) < _MOST_POSES and found.power < _SHORT:
+                self._poses[k] = found
+        return found, self._numbers[first + 6 + leg]
 
     def shortest(self, leg: int) -> F:
         """Of all lengths that the readings of a leg may stand for."""

@@ -117,12 +117,7 @@ def entry(*readers: Reader, defaults: tuple[Any, ...] = ()) -> Reader:
 def many(reader: Reader, count: int | None = None) -> Reader:
     """A list of one kind of value, `count` of them or any number."""
 
-    def read(value: Any) -> tuple[Any, ...]:
-        if not isinstance(value, list) or count not in (None, len(value)):
-            raise Refused(f"a list{'' if count is None else f' of {count}'} is needed here")
-        return tuple(map(reader, value))
-
-    return read
+    return lambda value: tuple(map(reader, array(value, count)))
 
 
 def ascending(below: int) -> Reader:
@@ -188,7 +183,9 @@ def anything(value: Any) -> Any:
 
 def array(value: Any, count: int | None = None) -> list[Any]:
     """A list of whatever there is in it; of so many."""
-    return list(many(anything, count)(value))
+    if not isinstance(value, list) or count not in (None, len(value)):
+        raise Refused(f"a list{'' if count is None else f' of {count}'} is needed here")
+    return value
 
 
 def dyadic(value: Any) -> F:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction as F
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from .certificate import Accepted, Certificates, problem_of
 from .files import WORK, Budget, Lines, content, leg_work, parsed
@@ -27,6 +27,7 @@ from .readers import (
 )
 from .rule import Box, Problem, meeting
 
+T = TypeVar("T")
 RESULT_NAME, INFORMATION = "result.json", "information"
 RESULT_FORMAT = "cpcal-result/13"
 _POINTS = ("recommended", "passes_from", "reduced")
@@ -61,7 +62,12 @@ def check_run(folder: Path, *, work: int = 0) -> list[LegChecked]:
     Raises Unusable where there is nothing to check, Refused where the run as a whole is not what it says.
     `work`: what the check may cost (0: `leg_work`); each leg has the same part, so that no leg depends on another.
     """
-    return [check_leg() for check_leg in leg_checks(folder, work=work)]
+    return done(leg_checks(folder, work=work))
+
+
+def done(checks: Iterable[Callable[[], T]]) -> list[T]:
+    """What the checks give, in order."""
+    return [check() for check in checks]
 
 
 def leg_checks(folder: Path, *, work: int = 0) -> list[Callable[[], LegChecked]]:

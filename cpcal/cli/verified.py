@@ -128,11 +128,12 @@ def _stated_otherwise(campaign: Campaign, result: Result) -> Iterator[str]:
             continue
         found: object = None  # what the campaign leaves open at the proved point, or the center
         if result.options.delta != 0.0:
-            kept = np.isin(campaign.measurement_ids, leg.bracket.left_out, invert=True)
+            kept = campaign
+            if leg.bracket.left_out:
+                kept = campaign.rows(np.isin(campaign.measurement_ids, leg.bracket.left_out, invert=True))
             try:
                 with np.errstate(all="ignore"):
-                    at = np.array(leg.bracket.point or leg.center)
-                    found = determination(campaign.rows(np.flatnonzero(kept)), leg.leg, at, model)
+                    found = determination(kept, leg.leg, np.array(leg.bracket.point or leg.center), model)
             except np.linalg.LinAlgError:
                 found = "of a point that is too far away"
         if leg.determination != found:

@@ -12,7 +12,7 @@ from typing import TypeVar
 
 from cpcal.checker import Accepted, Refused, Unusable, check
 from cpcal.checker.files import POSE_SET_SUFFIX
-from cpcal.checker.run import RESULT_NAME, LegChecked, certificates_of, leg_checks
+from cpcal.checker.run import RESULT_NAME, LegChecked, certificates_of, done, leg_checks
 from cpcal.cli.claims import VACUOUS, NothingCertifiedError, Statement, told
 from cpcal.cli.verbs import Status, Talk, argument, option
 from cpcal.common.errors import unusable
@@ -52,8 +52,8 @@ def legs_beside(run: Path) -> Iterator[Callable[[], list[LegChecked]]]:
 def _beside(checks: Sequence[Callable[[], T]], workers: int) -> Iterator[Callable[[], list[T]]]:
     """Checks are done by so many processes, or here by one, while in the block; what is given waits for them."""
     count = min(len(checks), workers)
-    with executor_for(workers or 1) as (executor, _):
-        begun = [executor.submit(_done, checks[k::count]) for k in range(count)]
+    with executor_for(workers or 1, loads=["cpcal.checker.run"]) as (executor, _):
+        begun = [executor.submit(done, checks[k::count]) for k in range(count)]
 
         def answers() -> list[T]:
             found: list[T | None] = [None] * len(checks)
@@ -63,10 +63,6 @@ def _beside(checks: Sequence[Callable[[], T]], workers: int) -> Iterator[Callabl
             return [one or check() for one, check in zip(found, checks, strict=True)]  # of a lost worker, here
 
         yield answers
-
-
-def _done(checks: Sequence[Callable[[], T]]) -> list[T]:
-    return [one() for one in checks]
 
 
 def _center(run: Path) -> Statement:

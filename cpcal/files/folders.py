@@ -389,10 +389,11 @@ def campaign_json(campaign: Campaign) -> bytes:
         "model": model and {"name": model.name, "half_widths": model.half_widths},
         "provenance": campaign.provenance,
     }
-    numbers = _texts(np.hstack([getattr(campaign, name) for name in ARRAYS]))
-    rows = [[pose, run, *row] for pose, run, row in zip(campaign.pose, campaign.run, numbers, strict=True)]
+    numbers = np.hstack([getattr(campaign, name) for name in ARRAYS]).tolist()
+    names = ([json.dumps(name)[1:-1] for name in given] for given in (campaign.pose, campaign.run))
+    rows = ('","'.join([pose, run, *map(repr, row)]) for pose, run, row in zip(*names, numbers, strict=True))
     lines = [f"{json.dumps(key)}: {json.dumps(_texts(value))}" for key, value in head.items()]
-    table = ",\n  ".join(json.dumps(row, separators=(",", ":")) for row in rows)
+    table = ",\n  ".join(f'["{row}"]' for row in rows)
     return ("{" + ",\n ".join([*lines, f'"measurements": [\n  {table}\n ]']) + "}\n").encode()
 
 
