@@ -5,12 +5,13 @@ import math
 from dataclasses import replace
 
 import pytest
+import scipy.stats
 
 import cpcal
 from cpcal.models import PARAMETERS, PLAIN
 from cpcal.questions import Uncertified, VerifiedPoint
 from cpcal.report.section import html
-from cpcal.report.words import advise, leg_lines, leg_sentence, overall
+from cpcal.report.words import advise, leg_lines, leg_sentence, overall, student
 from cpcal.robot import Campaign
 from cpcal.solver.accounts import bracket_sentence
 from cpcal.solver.contract import Verdict
@@ -109,6 +110,12 @@ def test_wrong_readings_are_the_ones_that_are_named(rows):
     assert sorted(found.wrong) == list(rows)
     assert found.short.startswith(f"because of measurement{'s' * (len(rows) > 1)} {found.wrong[0] + 1}")
     assert found.short.endswith(f": measure {'it' if len(rows) == 1 else 'them'} again")
+
+
+@pytest.mark.parametrize("freedom", [3, 5, 57, 1000])
+def test_the_quantile_of_student_is_scipys_and_never_below(freedom):
+    chance = 1.0 - 2e-3 / (freedom + len(PARAMETERS))
+    assert 1.0 <= student(chance, freedom) / scipy.stats.t.ppf(chance, freedom) <= 1.05
 
 
 def test_a_wrong_scale_of_the_sensor_calls_for_the_model_gain():
