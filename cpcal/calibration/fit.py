@@ -14,14 +14,6 @@ from cpcal.common.least_squares import least_squares
 from cpcal.common.values import ArrayLike, Bools, Floats, Names, Numbers, Pair, Places, all_finite, floats, freeze
 from cpcal.robot import Campaign, LegEquations, Robot, distances, forward_poses
 
-
-def weighted_jacobian(equations: LegEquations, weight: Floats, x: Floats) -> Floats:
-    """d(W_k g_k)/dx of all measurements, (N n, 7 n), for weights W (N, n, n): rows by measurement, then leg."""
-    product = weight[..., None] * equations.by_parameters(x)[:, None, :, :]
-    count, legs = equations.length.shape
-    return product.reshape(count * legs, 7 * legs)
-
-
 # ------------------------------------------------------------------------------------------------------------------
 # How far the readings' noise moves the calibration equations, and the weights that undo it.
 #
@@ -172,7 +164,7 @@ class Fit:
     @cached_property
     def svd(self) -> tuple[Floats, Floats, Floats]:
         """Of A, the Jacobian (N n, 7 n) of the weighted equations."""
-        jacobian = weighted_jacobian(self.equations, self.weight, self.parameters)
+        jacobian = self.equations.weighted_by_parameters(self.weight, self.parameters)
         left, values, right = np.linalg.svd(jacobian, full_matrices=False)
         return left, values, right
 
@@ -385,7 +377,7 @@ def _solved(equations: LegEquations, weight: Floats, start: Floats, tolerance: f
 
     found = least_squares(
         lambda x: np.einsum("kij,kj->ki", weight, equations.values(x.reshape(-1, 7))).ravel(),
-        lambda x: weighted_jacobian(equations, weight, x.reshape(-1, 7)),
+        lambda x: equations.weighted_by_parameters(weight, x.reshape(-1, 7)),
         start.ravel(),
         tolerance=tolerance,
     )

@@ -6,7 +6,7 @@ each mean. What all readings of a configuration have in common (a bias, a backla
 in the mean and cannot be seen here.
 """
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
@@ -16,7 +16,7 @@ import numpy.typing as npt
 from cpcal.calibration.fit import Noise
 from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import listed
-from cpcal.common.values import ArrayLike, ArrayPair, Bools, Floats, Ints, Names, Places, floats, frozen_array
+from cpcal.common.values import ArrayLike, ArrayPair, Bools, Floats, Ints, Names, Places, Texts, floats, frozen_array
 from cpcal.robot import Campaign, LegEquations, PoseTable, Robot, Uncertainty, turn_between
 from cpcal.robot.units import AXES, leg_columns
 
@@ -468,7 +468,7 @@ class StudyRows(NamedTuple):
         return np.bincount(grouped(self.runs.pose, repeated=False)[0]).astype(np.int64)
 
 
-def study_rows(table: PoseTable, robot: Robot, provenance: Mapping[str, str] | None = None) -> StudyRows:
+def study_rows(table: PoseTable, robot: Robot, provenance: Texts | None = None) -> StudyRows:
     """The rows of a table, screened for outliers where poses are repeated; joint centres of the robot in any frames."""
     rows = as_campaign(table, robot, provenance)
     has_runs = len(set(zip(table.pose, table.run, strict=True))) > len(set(table.pose))
@@ -491,7 +491,7 @@ def study_rows(table: PoseTable, robot: Robot, provenance: Mapping[str, str] | N
     return StudyRows(screening, good, averages, shared)
 
 
-def as_campaign(table: PoseTable, robot: Robot, provenance: Mapping[str, str] | None = None) -> Campaign:
+def as_campaign(table: PoseTable, robot: Robot, provenance: Texts | None = None) -> Campaign:
     """The rows of a table as measurements of a robot whose joint centres are in the frames of camera and target."""
     runs = table.run if table.image is None else [f"{r}:{i}" for r, i in zip(table.run, table.image, strict=True)]
     return Campaign.of(

@@ -15,7 +15,7 @@ from cpcal.common.documents import toml_text
 from cpcal.common.errors import printable, unusable
 from cpcal.common.files import write_file
 from cpcal.common.numbers import at_least, bracket_text, rounded_down, rounded_up
-from cpcal.common.values import ArrayPair, Floats
+from cpcal.common.values import ArrayPair, Floats, Json
 from cpcal.files import load_campaign, load_campaign_json, save_campaign_json
 from cpcal.files.run_folder import ACCURACY, HANDEYE
 from cpcal.files.tables import load_poses
@@ -164,7 +164,7 @@ _FORMAT = "cpcal-parameters/2"
 NOT_CERTIFIED = "not certified"  # the verdict where no certificate holds it
 
 
-def exported(campaign: Campaign, result: Result, frames: DrawingFrames | None = None) -> dict[str, Any]:
+def exported(campaign: Campaign, result: Result, frames: DrawingFrames | None = None) -> Json:
     """What is exported, as texts, numbers, lists and dicts; what is not known, or in no certificate, is left out.
 
     `frames`: of the drawing, to which the parameters are moved. Raises InputError for a model that is not known here.
@@ -191,7 +191,7 @@ def exported(campaign: Campaign, result: Result, frames: DrawingFrames | None = 
     )
 
 
-def _leg(campaign: Campaign, result: Result, leg: LegResult, frames: DrawingFrames | None) -> dict[str, Any]:
+def _leg(campaign: Campaign, result: Result, leg: LegResult, frames: DrawingFrames | None) -> Json:
     best, passes, bracket = leg.recommended, leg.passes_from, leg.bracket
     ranges = None if leg.ranges is None or leg.ranges.certificate is None else leg.ranges
     columns: dict[str, Floats] = {
@@ -223,7 +223,7 @@ def _leg(campaign: Campaign, result: Result, leg: LegResult, frames: DrawingFram
     )
 
 
-def _known(**fields: Any) -> dict[str, Any]:
+def _known(**fields: Any) -> Json:
     return {name: value for name, value in fields.items() if value is not None}
 
 

@@ -21,6 +21,7 @@ from cpcal.solver.execution.executors import executor_for
 
 T = TypeVar("T")
 _NAME = "name the folder of a run, or a certificate"
+_PROCESSORS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
 
 # ------------------------------------------------------------------------------------------------------------------
 # Certificates and legs, checked again by the exact checker.
@@ -38,7 +39,7 @@ def legs_beside(run: Path) -> Iterator[Callable[[], list[LegChecked]]]:
         checks = leg_checks(run)
     except (Refused, Unusable) as reason:
         why = reason
-    with _beside(checks, min(len(checks), _processors())) as answers:
+    with _beside(checks, min(len(checks), _PROCESSORS)) as answers:
 
         def legs() -> list[LegChecked]:
             if why is not None:
@@ -69,10 +70,6 @@ def _center(run: Path) -> Statement:
     from cpcal.questions.hand_eye import verify_center  # where it is done
 
     return verify_center(run)
-
-
-def _processors() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
 
 
 def checked_certificates(folder: Path) -> dict[str, Accepted | str]:
@@ -110,7 +107,7 @@ def statements(target: Path, *, verbose: bool = False) -> Iterator[Statement]:
         elif len(heads) > 1:
             raise Refused(f"{' and '.join(heads)} are the answers of two commands, which share no folder")
         elif heads == [HANDEYE.head]:
-            with _beside([partial(_center, target)], _processors()) as least_squares:
+            with _beside([partial(_center, target)], _PROCESSORS) as least_squares:
                 from cpcal.checker.hand_eye import check_hand_eye
 
                 yield from check_hand_eye(target)

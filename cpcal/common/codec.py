@@ -23,6 +23,7 @@ from typing import Annotated, Any, Generic, NamedTuple, TypeVar, Union, cast, ge
 from cpcal.common.documents import json_object
 from cpcal.common.errors import CpcalError, InputError, shown, unusable
 from cpcal.common.files import StrPath, write_file
+from cpcal.common.values import Json
 
 T = TypeVar("T")
 
@@ -30,7 +31,7 @@ INFORMATION = "information"  # the key, and how it is checked: not at all
 _NUMBERS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 
 
-def checked(how: str, *by: str, json: str | None = None) -> dict[str, Any]:
+def checked(how: str, *by: str, json: str | None = None) -> Json:
     """The annotation of a field: `how` it is checked, `by` which other fields, that hold proofs; `json`: its key."""
     return {"checked": how, "by": by} | ({} if json is None else {"json": json})
 
@@ -160,7 +161,7 @@ def _dataclass(kind: Any, value: Any, where: str) -> Any:
             raise ValueError(f"{where} lacks {INFORMATION}")
         under = INFORMATION if where == "it" else f"{where}.{INFORMATION}"
         places.append((_object(found.pop(INFORMATION), under), under, others))
-    values: dict[str, Any] = {}
+    values: Json = {}
     for given, at, parts in places:
         keys = {part.key for part in parts}
         if given.keys() != keys:
@@ -196,7 +197,7 @@ def _plain(kind: Any, value: Any, where: str) -> Any:
 _WORDS = {float: "number", int: "whole number", bool: "true or false", str: "text"}
 
 
-def _object(value: Any, where: str) -> dict[str, Any]:
+def _object(value: Any, where: str) -> Json:
     if not isinstance(value, dict):
         raise ValueError(f"{where} is no object")
     return value

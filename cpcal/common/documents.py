@@ -21,7 +21,7 @@ import numpy as np
 
 from cpcal.common.errors import InputError, Problems, shown, unusable
 from cpcal.common.files import NAME_MAX, NAME_REMEDY, TEXT_REMEDY, is_text, small_file
-from cpcal.common.values import LARGEST, Floats
+from cpcal.common.values import LARGEST, Floats, Json, Texts
 
 # ------------------------------------------------------------------------------------------------------------------
 # Tables as CSV, safe to open in a spreadsheet.
@@ -103,7 +103,7 @@ def toml_document(content: bytes, where: str, problems: Problems, start: str) ->
     return None
 
 
-def json_object(path: Path, absent: str, again: str) -> dict[str, Any]:
+def json_object(path: Path, absent: str, again: str) -> Json:
     """The JSON object in a file: every key once, every number finite.
 
     `absent` is the remedy when there is no such file, `again` when it holds something else. Raises InputError.
@@ -117,7 +117,7 @@ def json_object(path: Path, absent: str, again: str) -> dict[str, Any]:
         raise unusable(path, f"is not JSON: {what}", again, line) from None
 
 
-def parsed_object(content: bytes | str) -> dict[str, Any]:
+def parsed_object(content: bytes | str) -> Json:
     """The JSON object in a text. Raises ValueError, whatever the text is; see `json_object`."""
     try:
         text = content if isinstance(content, str) else content.decode("utf-8-sig")
@@ -140,7 +140,7 @@ def parsed_object(content: bytes | str) -> dict[str, Any]:
     return data
 
 
-def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _object(pairs: list[tuple[str, Any]]) -> Json:
     table = dict(pairs)
     if len(table) < len(pairs):
         name, _ = Counter(name for name, _ in pairs).most_common(1)[0]
@@ -253,7 +253,7 @@ class TomlReader:
 
     def table(
         self, path: KeyPath, table: object, keys: Schema, optional: Schema = _NONE, *, remedy: str = "add {key} = ..."
-    ) -> dict[str, Any] | None:
+    ) -> Json | None:
         """The values of a table by their keys; None with a problem: a key is missing, means nothing, or is wrong."""
         if not isinstance(table, dict):
             self.wrong(path, f"{path[-1]!r} is not a section", f"write a section [{'.'.join(path)}]")
@@ -407,7 +407,7 @@ def array(shape: Shape, meaning: str = "", *, signed: bool = True, by_leg: bool 
 # TOML documents to files.
 
 
-def document(format_: str, sections: Mapping[str, Mapping[str, object]], provenance: Mapping[str, str]) -> bytes:
+def document(format_: str, sections: Mapping[str, Mapping[str, object]], provenance: Texts) -> bytes:
     """A TOML file of its format and sections."""
     return toml_text({"format": format_, **sections, "provenance": provenance}).encode()
 

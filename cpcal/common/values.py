@@ -33,6 +33,10 @@ Shape: TypeAlias = tuple[int, ...]
 Names: TypeAlias = tuple[str, ...]
 Numbers: TypeAlias = tuple[float, ...]
 Places: TypeAlias = tuple[int, ...]  # of rows, legs or coordinates among all
+Vector: TypeAlias = tuple[float, float, float]
+Quaternion: TypeAlias = tuple[float, float, float, float]  # scalar first
+Texts: TypeAlias = Mapping[str, str]  # by name
+Json: TypeAlias = dict[str, Any]  # an object of JSON, or values by name
 
 TINY = float(np.finfo(np.float64).tiny)  # below every number that is told from 0
 FORTH, BACK = [1, 2, 0], [2, 0, 1]  # of a cross product

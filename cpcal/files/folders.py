@@ -15,7 +15,7 @@ import numpy as np
 from cpcal.common.documents import KeyPath, Schema, TomlReader, array, csv_table, document, name, whole, written
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import NAME_MAX, StrPath, small_file, write_file, write_folder
-from cpcal.common.values import Floats, fill, floats
+from cpcal.common.values import Floats, Json, Texts, fill, floats
 from cpcal.files.tables import Table, read_table
 from cpcal.robot import EXACT_OR_NOT, ROBOTS, Campaign, ModelChoice, Pose, PoseTable, Robot, Study, Truth, Uncertainty
 from cpcal.robot.campaign import ARRAYS, QUATERNION_TOLERANCE, quaternion_problem
@@ -129,7 +129,7 @@ class Settings:
     uncertainty: Uncertainty | None = None
     model: ModelChoice | None = None
     truth: Truth | None = None
-    provenance: Mapping[str, str] = field(default_factory=dict)
+    provenance: Texts = field(default_factory=dict)
     sha256: str = ""
 
 
@@ -340,7 +340,7 @@ def campaign_of_table(table: Table, settings: Settings) -> Campaign:
     )
 
 
-def _arrays(numbers: Floats, legs: int) -> dict[str, Any]:
+def _arrays(numbers: Floats, legs: int) -> Json:
     """`ARRAYS` of a campaign, which stand side by side in (N, 13 + 2 n) numbers."""
     return dict(zip(ARRAYS, np.split(numbers, np.cumsum([3, 4, legs, 3, 3]), axis=1), strict=True))
 
@@ -440,7 +440,7 @@ def load_campaign_json(path: StrPath) -> Campaign:
     return campaign
 
 
-def _campaign(data: dict[str, Any]) -> Campaign:
+def _campaign(data: Json) -> Campaign:
     robot, stated, asked = Robot(**data["robot"]), data["uncertainty"], data["model"]
     rows: list[list[str]] = data["measurements"]
     numbers = floats([[float(v) for v in row[2:]] for row in rows]).reshape(len(rows), -1)

@@ -25,7 +25,7 @@ from cpcal.common.documents import NUMBERS
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import TEXT_MAX, listed, small_file
 from cpcal.common.numbers import about
-from cpcal.common.values import ArrayLike, Floats, Names, Places
+from cpcal.common.values import ArrayLike, Floats, Names, Places, Texts
 from cpcal.files.folders import Settings, campaign_of_table, load_settings
 from cpcal.files.tables import QUATERNION, Table
 from cpcal.robot import EXACT_OR_NOT, ROBOTS, Campaign, Robot, known_robot
@@ -199,7 +199,7 @@ _TURNS = [
 
 
 def _mapped(
-    columns: str | Mapping[str, str], header: Sequence[str], legs: int, rotation: str | None
+    columns: str | Texts, header: Sequence[str], legs: int, rotation: str | None
 ) -> tuple[dict[str, ColumnSource], RotationForm]:
     """The map of a table with this header, and the form of its rotations; columns that are not mapped count under their
     own names. Without a map the columns' names tell, where they leave no doubt of what they are and of their units.
@@ -295,9 +295,7 @@ def _quaternions(log: Log, form: RotationForm, table: Table) -> Floats:
         raise InputError(lined, omitted=error.omitted) from None
 
 
-def campaign_of_log(
-    log: Log, settings: Settings, columns: str | Mapping[str, str] = "", rotation: str | None = None
-) -> Campaign:
+def campaign_of_log(log: Log, settings: Settings, columns: str | Texts = "", rotation: str | None = None) -> Campaign:
     """The campaign in a log: `settings` say what it lacks (a robot; how far readings may be off, or None: exact),
     `columns` which columns are which, `rotation` the form of the rotations; left out, the columns' names tell.
 

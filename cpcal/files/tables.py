@@ -23,6 +23,8 @@ from cpcal.robot import Pose, PoseTable
 from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
 from cpcal.robot.units import POSE, leg_columns, override_columns, reading_columns
 
+Columns = Callable[[int], list[str]]  # their names, for n legs
+
 BAD_ROWS_MAX = 1_000  # reading stops after so many
 LINE_MAX = 2**16  # bytes in a line
 ROWS_MAX = 1_000_000  # measurements in a table: some 60 s and 2 GB to read and check
@@ -53,8 +55,8 @@ def read_table(
     problems: Problems,
     absent: str,
     *,
-    required: Callable[[int], list[str]] = reading_columns,
-    optional: Callable[[int], list[str]] = override_columns,
+    required: Columns = reading_columns,
+    optional: Columns = override_columns,
 ) -> Table:
     """The table in a file, for a robot of `legs` legs (None: not known); adds to `problems`.
 
@@ -122,8 +124,8 @@ class _Reader:
         self,
         names: list[str],
         legs: int | None,
-        required_for: Callable[[int], list[str]],
-        optional: Callable[[int], list[str]],
+        required_for: Columns,
+        optional: Columns,
     ) -> list[str]:
         """The name of each column, empty where it is unknown or a repetition; no list when none is known."""
         if legs is None:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -28,13 +28,13 @@ from cpcal.checker.hand_eye import STUDY_FORMAT
 from cpcal.common.documents import KeyPath, TomlReader, csv_table, document, json_object, one_of, text
 from cpcal.common.errors import Problem, Problems, shown, unusable
 from cpcal.common.files import StrPath, write_folder
-from cpcal.common.values import Floats, Indices, Names, Numbers, Value, fill, floats, frozen_array
+from cpcal.common.values import Floats, Indices, Names, Numbers, Texts, Value, fill, floats, frozen_array
 from cpcal.files.folders import existing_folder
 from cpcal.files.log import poses_of_log, read_log
 from cpcal.files.tables import Table, read_table
 from cpcal.robot import Pose, compose, inverse, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
 from cpcal.robot.campaign import SIMULATION
-from cpcal.robot.kinematics import normalised
+from cpcal.robot.kinematics import normalised, small_rotation
 from cpcal.robot.units import AXES, POSE
 from cpcal.vision.camera import BROWN, Camera
 from cpcal.vision.files.plate_and_camera import camera_bytes, load_camera
@@ -73,7 +73,7 @@ class HandEyeStudy(Value):
     points: Floats
     half_width: Floats = field(default_factory=lambda: np.zeros(0))
     pose_half_width: Floats = field(default_factory=lambda: np.zeros(0))
-    provenance: Mapping[str, str] = field(default_factory=dict)
+    provenance: Texts = field(default_factory=dict)
     known: Known = ()
 
     def __post_init__(self) -> None:
@@ -149,8 +149,7 @@ def read_poses(poses: Pose, readings: Floats | None) -> Pose:
     """Poses at readings (n, 6) of them, (d, w) in mm and rad: position + d, R(1, w / 2) R, in the base frame."""
     if readings is None:
         return poses
-    turn = np.concatenate([np.ones((len(readings), 1)), 0.5 * readings[:, 3:]], axis=1)
-    turn /= np.linalg.norm(turn, axis=1, keepdims=True)
+    turn = normalised(small_rotation(readings[:, 3:]))
     return Pose(poses.position + readings[:, :3], quaternion_product(turn, poses.quaternion))
 
 
@@ -229,12 +228,9 @@ def simulate_hand_eye(
     else:  # target on the hand, base in the camera
         e, f = far, on_hand
         poses = compose(compose(inverse(far), seen), inverse(on_hand))
-    turned = quaternion_from_rotation_vector(random.uniform(-rotation_error, rotation_error, (images, 3)))
-    stated = Pose(
-        poses.position + random.uniform(-position_error, position_error, (images, 3)),
-        normalised(quaternion_product(turned, poses.quaternion)),
-    )
+    turns, shifts = (random.uniform(-most, most, (images, 3)) for most in (rotation_error, position_error))
     names = tuple(f"image{k + 1:03d}" for k in range(images))
+    stated = poses.moved(np.hstack([shifts, turns]))
     study = study_of_board(stated, seen, board, setup=setup, camera=CAMERA, images=names)
     off = random.uniform(-pixel_error, pixel_error, (images, len(board), 2)).reshape(-1, 2)
     made = {"generator": f"{SIMULATION}, hand-eye", "seed": str(seed)}
@@ -313,7 +309,7 @@ def _numbers(table: Table, columns: Sequence[str]) -> Floats:
 
 
 def _study(
-    setup: Setup, camera: Camera, provenance: Mapping[str, str], poses: tuple[Sequence[str], Floats],
+    setup: Setup, camera: Camera, provenance: Texts, poses: tuple[Sequence[str], Floats],
     image: Sequence[int], points: tuple[Sequence[str], Floats],
 ) -> HandEyeStudy:  # fmt: skip
     """Of tables with names: (n, 13) positions, quaternions and half-widths, (N, 6) pixels, points and half-widths."""

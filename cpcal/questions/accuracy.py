@@ -19,7 +19,19 @@ from cpcal.common.codec import Document, Informed, checked
 from cpcal.common.errors import Problem, Problems, unusable
 from cpcal.common.files import StrPath
 from cpcal.common.numbers import about, bracket_text
-from cpcal.common.values import Floats, Indices, Names, Numbers, Pair, Places, all_finite, floats, norms
+from cpcal.common.values import (
+    Floats,
+    Indices,
+    Names,
+    Numbers,
+    Pair,
+    Places,
+    Quaternion,
+    Vector,
+    all_finite,
+    floats,
+    norms,
+)
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.models import PLAIN, beyond_legs
@@ -85,8 +97,8 @@ class PoseAccuracy:
     """
 
     name: Informed[str]
-    position: Annotated[tuple[float, float, float], checked("the form of this pose in each certificate")]
-    quaternion: Annotated[tuple[float, float, float, float], checked("the form in each certificate")]
+    position: Annotated[Vector, checked("the form of this pose in each certificate")]
+    quaternion: Annotated[Quaternion, checked("the form in each certificate")]
     proved: Annotated[bool, checked("`lo` to `rotation_bound` are proved")]
     lo: Annotated[Numbers, _AGAIN]
     hi: Annotated[Numbers, _AGAIN]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction as F
 from pathlib import Path
@@ -29,7 +29,7 @@ from cpcal.checker.readers import Refused, up
 from cpcal.common.codec import Document, Informed, checked
 from cpcal.common.errors import InputError, refuse, unusable
 from cpcal.common.numbers import at_least, at_most
-from cpcal.common.values import ArrayPair, Names, Numbers
+from cpcal.common.values import ArrayPair, Names, Numbers, Quaternion, Texts, Vector
 from cpcal.common.version import __version__
 from cpcal.models.frames import COARSE, PlacedFrames, Proof, Prover, Tell, exact
 from cpcal.models.hand_eye import HandEyeStudy, Known, load_study_json
@@ -144,7 +144,7 @@ class KnownPoint:
     of the result does, in the hand frame (eye in hand) or the base frame; the camera is turned from there by at most
     `turn` degrees, 180 where nothing is known."""
 
-    at: Annotated[tuple[float, float, float], checked("what was asked")]
+    at: Annotated[Vector, checked("what was asked")]
     place: Annotated[float, _POINT]
     turn: Annotated[float, _POINT]
 
@@ -188,8 +188,8 @@ class OtherAnswer:
     """The camera in the hand (eye in hand) or base frame, mm, by a method of OpenCV. Nothing of it is proved."""
 
     method: str
-    position: tuple[float, float, float]
-    quaternion: tuple[float, float, float, float]
+    position: Vector
+    quaternion: Quaternion
 
 
 @dataclass(frozen=True)
@@ -263,7 +263,7 @@ class HandEyeResult:
     classical: Classical
     blamed: Annotated[tuple[tuple[str, tuple[RefutedGroup, ...]], ...], _BLAMED]
     others: Informed[tuple[OtherAnswer, ...]]
-    provenance: Informed[Mapping[str, str]]
+    provenance: Informed[Texts]
     version: Informed[str]
     gap: Informed[float]
     rms: Informed[float]

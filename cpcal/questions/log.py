@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -15,7 +14,7 @@ from cpcal.calibration.frames import Drawn, drawn_poses, first_frames, in_base_f
 from cpcal.common.errors import InputError, unusable
 from cpcal.common.files import StrPath
 from cpcal.common.numbers import about
-from cpcal.common.values import ArrayLike
+from cpcal.common.values import ArrayLike, Texts
 from cpcal.files import Log, Settings
 from cpcal.files.log import campaign_of_log, frame_log, log_settings, read_log, unstated
 from cpcal.robot import Campaign, KinematicsError, Robot
@@ -34,9 +33,7 @@ _FORMS = [
 ]
 
 
-def _rotation(
-    log: Log, settings: Settings, columns: str | Mapping[str, str], stated: str | None, base: bool
-) -> InputError | None:
+def _rotation(log: Log, settings: Settings, columns: str | Texts, stated: str | None, base: bool) -> InputError | None:
     """The problem that names the form of rotations with which the drawing explains the readings, in frames of a
     tracker; None where none does, or one does without such frames (unless `base`)."""
     step = -(-len(log.rows) // _TRIED)
@@ -79,7 +76,7 @@ def load_log(
     path: StrPath | DataFrame,
     *,
     robot: Robot | str,
-    columns: str | Mapping[str, str] = "",
+    columns: str | Texts = "",
     rotation: str | None = None,
     frames: Literal["base", "tracker"] | None = None,
     position_sigma: ArrayLike | None = None,

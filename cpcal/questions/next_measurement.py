@@ -13,11 +13,11 @@ import numpy as np
 
 from cpcal.common.errors import unusable
 from cpcal.common.numbers import about, at_most, stated
-from cpcal.common.values import ArrayPair, Floats, Names, Numbers, norms
+from cpcal.common.values import ArrayPair, Floats, Names, Numbers, Vector, norms
 from cpcal.models import PLAIN, ModelResiduals, reading_moves
 from cpcal.models.frames import Tell
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy
-from cpcal.models.hand_eye_fit import PARAMETERS, PixelModel, ReadFrames, best_frames, classical_answer, excess
+from cpcal.models.hand_eye_fit import PARAMETERS, PixelModel, best_frames, classical_answer, excess
 from cpcal.models.leg_set import CertifiedSet
 from cpcal.models.platform import pose_inverse
 from cpcal.robot import (
@@ -109,8 +109,8 @@ _LOOSER = 1.0 + 1e-9  # of the slabs, so that rounding leaves a point in them
 class NextPose:
     """A pose that would narrow what is not known most, and the worst bound expected then, mm: an estimate."""
 
-    position: tuple[float, float, float]
-    rotation: tuple[float, float, float]
+    position: Vector
+    rotation: Vector
     expected: float
 
 
@@ -227,8 +227,8 @@ def next_images(
     Raises InputError for a count that is not from 1 to the number of poses that see the target, a tolerance below the
     least largest error, and studies without a classical answer.
     """
-    best = best_frames(study, classical_answer(study))
-    least = excess(PixelModel(study), best)
+    best, whole = best_frames(study, classical_answer(study)), PixelModel(study)
+    least = excess(whole, best)
     at = _BEYOND * least if tolerance is None else tolerance
     if not at > least:
         what = f"is {stated(at)} px, and no frames were found that explain the pixels to it"
@@ -240,12 +240,21 @@ def next_images(
         what = f"is {count}, and the target is seen from {len(shown)} of {len(candidates)} poses"
         raise unusable("option --count", what, "give fewer, or more poses")
     blocks = [model.blocks(model.stated(best.frames)) for _, _, model in shown]
-    wanted, reach = _as_stated(best.frames), float(PixelModel(study).reach(best)[3])
+    # turn and place of X and F, as they are stated, by the motions of `PixelModel.moved`
+    wanted, back = np.eye(PARAMETERS), best.frames.e_rotation.T
+    wanted[:3, :3] = wanted[3:6, 3:6] = -back
+    wanted[3:6, :3] = -back @ cross_matrix(best.frames.e_translation)
+    # what the study allows, about the best frames
+    slope, (low, high) = whole.jacobian(best), (side[PARAMETERS:] for side in whole.room(best))
+    half = np.concatenate([_LOOSEST, 0.5 * (high - low)])
+    middle = -whole(best) - slope @ np.concatenate([np.zeros(PARAMETERS), 0.5 * (high + low)])
+    slack, to_x = at + np.tile(study.half_width, 2), np.eye(PARAMETERS, len(half)) * half
+    allowed, reach = Polytope(slope * half, middle, slack, to_x, np.zeros(PARAMETERS)), float(whole.reach(best)[3])
 
     @cache
     def after(*chosen: int) -> tuple[Polytope, ChosenPose]:
         if not chosen:
-            name, polytope = "", _allowed(study, best, at)
+            name, polytope = "", allowed
         else:
             name, one, _ = shown[chosen[-1]]
             frames, own = blocks[chosen[-1]]
@@ -264,17 +273,6 @@ def next_images(
 
     order = greedy(range(len(shown)), count, narrowed)
     return NextImages(at, reach, after()[1], tuple(after(*order[: n + 1])[1] for n in range(count)), unseen)
-
-
-def _allowed(study: HandEyeStudy, best: ReadFrames, tolerance: float) -> Polytope:
-    """What the study allows, about the best frames."""
-    model = PixelModel(study)
-    slope, (low, high) = model.jacobian(best), (side[PARAMETERS:] for side in model.room(best))
-    half = np.concatenate([_LOOSEST, 0.5 * (high - low)])
-    middle = np.concatenate([np.zeros(PARAMETERS), 0.5 * (high + low)])
-    slack = tolerance + np.tile(study.half_width, 2)
-    to_x = np.eye(PARAMETERS, len(half)) * half
-    return Polytope(slope * half, -model(best) - slope @ middle, slack, to_x, np.zeros(PARAMETERS))
 
 
 def _view(study: HandEyeStudy, frames: HandEyeFrames, pose: Sequence[float]) -> HandEyeStudy | None:
@@ -311,13 +309,3 @@ def _side(study: HandEyeStudy, frames: HandEyeFrames) -> Floats:
     normal = turn @ frames.f_rotation[:, 2] @ frames.e_rotation.T
     place = (turn @ frames.f_translation + shift) @ frames.e_rotation.T + frames.e_translation
     return np.asarray(np.sign(np.einsum("ni,ni->n", normal, place)))
-
-
-def _as_stated(frames: HandEyeFrames) -> Floats:
-    """(12, 12): turn and place of X and F, as they are stated, by the motions of `PixelModel.moved`."""
-    back = frames.e_rotation.T
-    found = np.zeros((12, 12))
-    found[:3, :3] = found[3:6, 3:6] = -back
-    found[3:6, :3] = -back @ cross_matrix(frames.e_translation)
-    found[6:, 6:] = np.eye(6)
-    return found

@@ -15,7 +15,7 @@ from cpcal.common.codec import INFORMATION, Document, Informed, checked
 from cpcal.common.errors import printable, refuse, unusable
 from cpcal.common.files import StrPath
 from cpcal.common.numbers import stated
-from cpcal.common.values import Names, Numbers, Places, all_finite
+from cpcal.common.values import Names, Numbers, Places, Texts, all_finite
 from cpcal.files.folders import CAMPAIGN_NAME, campaign_sha256, save_campaign_json
 from cpcal.models import BUILT_IN, PARAMETERS, PLAIN, LegModel, Parameter, leg_model, model_name_problem
 from cpcal.robot import Campaign
@@ -26,7 +26,8 @@ from cpcal.solver.interval import Box
 # ------------------------------------------------------------------------------------------------------------------
 # What a user asks of `certify` and `compare`: one frozen value that checks itself, stored in every result.
 
-_FILE, _CAMPAIGN = checked("a file of the run, which is accepted"), checked("campaign.json")
+_Certificate = Annotated[str | None, checked("a file of the run, which is accepted")]
+_CAMPAIGN = checked("campaign.json")
 _CLAIM = checked("the claim of the certificate", "certificate")
 _POINT = checked("the claim of the certificate", "certificate", "point_certificate")
 _ALL = checked("the claim of the certificate, of all readings", "certificate")
@@ -150,7 +151,7 @@ class Ranges:
 
     eps: Annotated[float, checked("the cap of the certificate", "certificate")]
     box: Annotated[Box, checked("the enclosure of the certificate", "certificate")]
-    certificate: Annotated[str | None, _FILE] = None
+    certificate: _Certificate = None
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.eps < math.inf:
@@ -223,7 +224,7 @@ class Recommended:
     point: Annotated[Numbers, _ALL]
     why: Informed[str]
     largest: Annotated[float, _ALL]
-    certificate: Annotated[str | None, _FILE] = None
+    certificate: _Certificate = None
 
 
 @dataclass(frozen=True)
@@ -232,7 +233,7 @@ class PassesFrom:
 
     eps: Annotated[float, _ALL]
     point: Annotated[Numbers, _ALL]
-    certificate: Annotated[str | None, _FILE] = None
+    certificate: _Certificate = None
 
 
 @dataclass(frozen=True)
@@ -243,7 +244,7 @@ class Reduced:
     """
 
     factor: Annotated[float, _ALL]
-    certificate: Annotated[str | None, _FILE] = None
+    certificate: _Certificate = None
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -262,18 +263,13 @@ class Determination:
     undetermined: Names = ()
 
     @property
-    def tests_the_model(self) -> bool:
-        """Whether measurements are left to contradict the model, once the parameters are determined."""
-        return not self.undetermined and self.measurements > self.of
-
-    @property
     def sentence(self) -> str:
-        """Empty when all is well."""
+        """Empty when all is well: the parameters are determined, and measurements left to contradict the model."""
         count = f"{self.measurements:,} measurement{'' if self.measurements == 1 else 's'}"
         if self.undetermined:
             names = ", ".join(self.undetermined)
             return f"{count} of rank {self.rank} leave {len(self.undetermined)} of {self.of} parameters open: {names}."
-        if not self.tests_the_model:
+        if self.measurements <= self.of:
             return f"{count} determine {self.of} parameters, and none is left to test the model."
         return ""
 
@@ -367,9 +363,9 @@ class LegBracket:
     point: Annotated[Numbers | None, _POINT]
     center: Annotated[Numbers, _BOX]
     enclosure: Annotated[Box, _CLAIM]
-    certificate: Annotated[str | None, _FILE] = None
+    certificate: _Certificate = None
     proofs: Annotated[Names, checked("files of the run, which are accepted")] = ()
-    point_certificate: Annotated[str | None, _FILE] = None
+    point_certificate: _Certificate = None
     left_out: Annotated[Names, checked("the measurements of the certificate", "point_certificate")] = ()
 
     def __post_init__(self) -> None:
@@ -505,7 +501,7 @@ _DOCUMENT = Document(Result, RESULT_NAME, "cpcal-result/13", "name the folder of
 load_result = _DOCUMENT.load
 
 
-def check_campaign(campaign: Campaign, parts: Mapping[str, str], remedy: str) -> None:
+def check_campaign(campaign: Campaign, parts: Texts, remedy: str) -> None:
     """Raises InputError where a part, such as a result, names the SHA-256 of another campaign."""
     own = campaign_sha256(campaign)
     for name, sha256 in parts.items():

@@ -134,7 +134,7 @@ def verdict_of(result: Result, leg: LegResult, tolerance: float | None = None) -
     largest = leg.recommended.largest
     passes_from = math.inf if leg.passes_from is None else leg.passes_from.eps
     poor, wide, beyond = leg.determination, _wide(options, leg), None
-    if poor is not None and poor.tests_the_model:
+    if poor is not None and not poor.sentence:
         poor = None
     if eps is not None:  # nothing is known of smaller errors unless it is refuted
         lo, hi = eps if refuted else 0.0, eps if closed else math.inf

@@ -487,14 +487,16 @@ def embedded(run: Path, result: Result, *, study: bool) -> Proof | None:
         for kind, of in (claims | {"passes": passes, "reduced": reduced}).items():
             name = of and of.certificate
             if name and (run / name).is_file():
-                content = _deflated((run / name).read_bytes())
+                content = (run / name).read_bytes()
                 certificates.append({"leg": leg.leg, "kind": kind, "name": name, "deflated": content})
     if not certificates or not (run / _CAMPAIGN).is_file():
         return None
     campaign = (run / _CAMPAIGN).read_bytes()
     if hashlib.sha256(campaign).hexdigest() != result.campaign.sha256:
         return None
-    data = json.dumps({"campaign": _deflated(campaign), "certificates": certificates}).replace("<", "\\u003c")
+    stated = {"campaign": campaign, "certificates": certificates}
+    data = json.dumps(stated, default=lambda content: base64.b64encode(zlib.compress(content)).decode())
+    data = data.replace("<", "\\u003c")
     if len(data) > _MOST:
         return None
     scripts = files("cpcal.report") / "browser"
@@ -509,7 +511,3 @@ def embedded(run: Path, result: Result, *, study: bool) -> Proof | None:
         "cpcal verify only."
     )
     return Proof(Markup(data), Markup(checker), Markup(script), f"'sha256-{digest}'", compared)
-
-
-def _deflated(content: bytes) -> str:
-    return base64.b64encode(zlib.compress(content)).decode()

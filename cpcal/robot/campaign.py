@@ -26,6 +26,7 @@ from cpcal.common.values import (
     Floats,
     Indices,
     Names,
+    Texts,
     Value,
     as_floats,
     fill,
@@ -68,7 +69,7 @@ SIMULATION = "cpcal simulate"  # in a provenance, what begins the `generator` of
 ARRAYS = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
 
 
-def titled(name: str, provenance: Mapping[str, str]) -> str:
+def titled(name: str, provenance: Texts) -> str:
     """The name under which a page or a terminal shows what was found in data; simulated ones are called so."""
     return f"{'Simulated: ' * provenance.get('generator', '').startswith(SIMULATION)}{name}"
 
@@ -118,7 +119,7 @@ def table_problems(
             yield Problem(f"{row} {keys[k]}", *quaternion_problem(norm))
 
 
-def provenance_problems(where: str, provenance: Mapping[str, str]) -> Iterator[Problem]:
+def provenance_problems(where: str, provenance: Texts) -> Iterator[Problem]:
     """What is wrong with the texts of a provenance."""
     for key, text in provenance.items():
         if not is_text(key, NAME_MAX):
@@ -183,7 +184,7 @@ class Campaign(Readings):
     rotation_radius: Floats
     length_radius: Floats
     uncertainty: Uncertainty | None = None
-    provenance: Mapping[str, str] = field(default_factory=dict)
+    provenance: Texts = field(default_factory=dict)
     model: ModelChoice | None = None
     # names and SHA-256 of the files that it was read from; set by the readers, not carried over by replace()
     files: tuple[tuple[str, str], ...] = field(default=(), init=False, compare=False)
@@ -216,7 +217,7 @@ class Campaign(Readings):
         position_radius: ArrayLike | None = None,
         rotation_radius: ArrayLike | None = None,
         length_radius: ArrayLike | None = None,
-        provenance: Mapping[str, str] | None = None,
+        provenance: Texts | None = None,
         model: ModelChoice | None = None,
     ) -> Campaign:
         """A campaign in memory. Half-widths left out come from `uncertainty`, or are zero with `exact=True`.
@@ -270,7 +271,7 @@ class Campaign(Readings):
         exact: bool = False,
         pose: Sequence[str] | None = None,
         run: Sequence[str] | None = None,
-        provenance: Mapping[str, str] | None = None,
+        provenance: Texts | None = None,
         model: ModelChoice | None = None,
     ) -> Campaign:
         """A campaign of N measurements of n legs in memory, its rotations in the form that is named.
@@ -430,7 +431,7 @@ class Study(Value):
     calibration: PoseTable
     validation: PoseTable
     truth: Truth | None = None
-    provenance: Mapping[str, str] = field(default_factory=dict)
+    provenance: Texts = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         fill(self, provenance=frozen_mapping(self.provenance))
@@ -485,6 +486,11 @@ class LegEquations:
         along, _ = self._directions(x)
         turned = np.einsum("kni,kij->knj", along, self.rotation)
         return np.concatenate([-along, turned, np.full((*along.shape[:2], 1), -1.0)], axis=-1)
+
+    def weighted_by_parameters(self, weight: Floats, x: Floats) -> Floats:
+        """d(W_k g_k)/dx of all measurements, (N n, 7 n), for weights W (N, n, n): rows by measurement, then leg."""
+        product = weight[..., None] * self.by_parameters(x)[:, None, :, :]
+        return product.reshape(self.length.size, x.size)
 
     def by_pose(self, x: Floats) -> Floats:
         """dg/d(P, theta), (N, n, 6): [v, R b x v] / ||v||; per mm and per rad. By the leg readings it is -1."""

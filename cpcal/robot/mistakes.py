@@ -16,7 +16,7 @@ import numpy as np
 
 from cpcal.common.numbers import about
 from cpcal.common.values import TINY, Floats, Names, Pair, all_finite, norms
-from cpcal.robot.campaign import Campaign, Given
+from cpcal.robot.campaign import Campaign, Given, LegEquations
 from cpcal.robot.kinematics import (
     KinematicsError,
     Pose,
@@ -484,14 +484,12 @@ def _turns_explain(few: Given, seen: Scores) -> bool:
 
     To first order, from the fit of what is given, with its weights; where the drawing is roughly right.
     """
-    fit = few.drawn(seen.fitted[0])
-    residual = fit.nominal - fit.robot.offset - few.length
-    rows = pose_jacobian(fit.robot, few.pose)
-    along, weight = rows[..., :3], 1.0 / np.hypot(1.0, residual / (_TAIL * seen.left[0]))
+    x, equations = seen.fitted[0], LegEquations(few.pose.position, few.pose.rotation, few.length)
+    residual, rows = equations.values(x), equations.by_pose(x)
+    weight = 1.0 / np.hypot(1.0, residual / (_TAIL * seen.left[0]))
     turns = weight[..., None] * rows[..., 3:]
     across = (np.eye(few.robot.legs) - turns @ np.linalg.pinv(turns)) * weight[:, None]
-    drawing = np.concatenate([-along, along @ few.pose.rotation, np.full((*residual.shape, 1), -1.0)], axis=2)
-    matrix = np.einsum("kij,kjp->kijp", across, drawing).reshape(*residual.shape, -1)
+    matrix = equations.weighted_by_parameters(across, x).reshape(*residual.shape, -1)
     left = across @ residual[..., None]
     inner = matrix.swapaxes(1, 2)
     left -= matrix @ np.linalg.lstsq((inner @ matrix).sum(axis=0), (inner @ left).sum(axis=0))[0]
@@ -514,7 +512,8 @@ def _options(few: Given, tried: Tried) -> list[Option]:
     values = [value for found in scores for value in found.value.tolist()]
     rough = [value + _NUMBER * numbers for value, (_, _, numbers) in zip(values, tried, strict=True)]
     most = rough[0] if scores[0].share[0] <= SHARE else np.inf
-    first = [tried[0], *[tried[k] for k in _ascending(rough) if rough[k] < most][:_KEPT]]
+    likeliest = np.argsort(np.round(rough, 3), kind="stable").tolist()
+    first = [tried[0], *[tried[k] for k in likeliest if rough[k] < most][:_KEPT]]
     options: list[Option] = []
     for words, moves in ((_offsets_said, None), *_moves(few.robot.legs)):
         chosen = first if moves is None else first[: 1 + _MOVED]
@@ -535,7 +534,7 @@ def _options(few: Given, tried: Tried) -> list[Option]:
 def _best(options: list[Option]) -> list[Cause]:
     """What to name, the first option being what is given."""
     plain, alike = options[0], list[Option]()
-    for option in (options[k] for k in _ascending([value for value, _, _ in options])):
+    for option in (options[k] for k in np.argsort(np.round([value for value, _, _ in options], 3), kind="stable")):
         if alike and option[0] > alike[0][0] + _AS_GOOD:
             break
         if all(abs(option[0] - other[0]) > _EQUAL and option[1] != other[1] for other in alike):
@@ -548,11 +547,6 @@ def _best(options: list[Option]) -> list[Cause]:
         name += f" (or, to the same effect, {same[0]}{' and others' * (len(same) > 1)})" if same and same[0] else ""
         causes.append(Cause(name, *zip(plain[2][:2].tolist(), seen[:2].tolist(), strict=True)))
     return causes
-
-
-def _ascending(values: Sequence[float]) -> list[int]:
-    """Indices by value; of those that are the same, the first one first."""
-    return sorted(range(len(values)), key=lambda k: (round(values[k], 3) if np.isfinite(values[k]) else np.inf, k))
 
 
 def _explains(before: Option, value: float, seen: Floats) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 
 from cpcal.common.errors import YOUR_DATA, Problems, refuse, shown, unusable
 from cpcal.common.files import NAME_MAX
-from cpcal.common.values import ArrayLike, Floats, Names, Value, as_floats, fill, frozen_mapping, norms
+from cpcal.common.values import ArrayLike, Floats, Names, Texts, Value, as_floats, fill, frozen_mapping, norms
 from cpcal.robot.kinematics import (
     normalised,
     quaternion_from_matrix,
@@ -174,7 +174,7 @@ class ColumnSource(NamedTuple):
         return places[0] if len(places) == 1 else None
 
 
-def column_map(text: str | Mapping[str, str], known: Iterable[str]) -> dict[str, ColumnSource]:
+def column_map(text: str | Texts, known: Iterable[str]) -> dict[str, ColumnSource]:
     """The map in a text as above, or in a mapping such as {"x": "Tx[m]"}; targets must be among `known`.
 
     Raises InputError with every entry that cannot be read.

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple, TypeVar
 from cpcal.common.codec import decoded, encoded
 from cpcal.common.errors import CpcalError, InputError, unusable
 from cpcal.common.files import StrPath, replacing, unwritable
+from cpcal.common.values import Texts
 
 FORMAT = "cpcal-checkpoint/1"
 SIZE_MAX = 2**31  # bytes, unpacked
@@ -92,7 +93,7 @@ class Checkpoint:
     resume  begin where the file says, if there is one
     """
 
-    def __init__(self, path: StrPath | None, of: Mapping[str, str], *, resume: bool) -> None:
+    def __init__(self, path: StrPath | None, of: Texts, *, resume: bool) -> None:
         self._path, self._of, self._resume = None if path is None else Path(path), of, resume
         self._next = time.monotonic() + _EVERY
         self._lines: Callable[[], Iterable[Line]] | None = None
@@ -127,7 +128,7 @@ class Checkpoint:
             self._path.unlink(missing_ok=True)
 
 
-def kept(path: Path, of: Mapping[str, str], lines: Iterable[Line]) -> bool:
+def kept(path: Path, of: Texts, lines: Iterable[Line]) -> bool:
     """Write, or say in the log that it could not be: no checkpoint is worth the run."""
     try:
         write_checkpoint(path, of, lines)
@@ -155,7 +156,7 @@ class Checkpoints(NamedTuple):
     """The folder, and what its files are of: they are refused for anything else. `resume`: what is there counts."""
 
     folder: Path
-    of: Mapping[str, str]
+    of: Texts
     resume: bool = False
 
     def begin(self, kind: type[T]) -> list[tuple[T, dict[str, bytes]]]:

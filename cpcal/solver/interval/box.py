@@ -7,7 +7,7 @@ import reprlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from operator import le
-from typing import Any, ClassVar, NoReturn, Protocol, overload
+from typing import Any, ClassVar, NoReturn, Protocol, TypeAlias, overload
 
 import numpy as np
 
@@ -262,6 +262,9 @@ class Box(HasBounds):
             return ", ".join(f"{name} in {self[name]}" for name in self.names)
         longest = max(map(len, self.names))
         return "\n".join(f"{name:<{longest}} in {self[name]}" for name in self.names)
+
+
+Boxes: TypeAlias = tuple[Box, ...]
 
 
 def component_names(variable: Variable) -> Names:

@@ -30,12 +30,10 @@ from cpcal.solver.contract import (
     shrunk,
 )
 from cpcal.solver.execution.executors import Place, Shared
-from cpcal.solver.interval import Box, IntervalArray
+from cpcal.solver.interval import Box, Boxes, IntervalArray
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Rows
-from cpcal.solver.search.search import Decision, EventKind, Node, Piece, difference
-
-Record = tuple[str, dict[str, Any]]  # a contractor's name, and a step as a certificate says it
+from cpcal.solver.search.search import Decision, EventKind, Node, Piece, Record, difference
 
 
 class Proof(NamedTuple):
@@ -111,7 +109,7 @@ class Contracting:
         return Pass(total, found.intersect(total.box), tuple(uses), tuple(proof))
 
 
-def divided(box: Box, found: Box, split: Callable[[Box], tuple[Box, ...]]) -> tuple[Box, ...]:
+def divided(box: Box, found: Box, split: Callable[[Box], Boxes]) -> Boxes:
     """Pieces of a node's box, cut where `split` cuts what was found in it, or else the box itself; () if nowhere.
 
     The faces that a piece shares with what was found move out to the box.
@@ -209,7 +207,7 @@ class Divide:
         removed = difference(node.box, done.contraction.box) if self._outside else ()
         return Decision(kind, done.contraction, children, done.uses, done.proof, removed)
 
-    def _next(self, node: Node, before: Box, box: Box, found: Box) -> tuple[EventKind, tuple[Box, ...]]:
+    def _next(self, node: Node, before: Box, box: Box, found: Box) -> tuple[EventKind, Boxes]:
         if box.is_empty:
             return EventKind.PRUNED, ()
         if self._inside is not None and self._inside(box):
@@ -240,7 +238,7 @@ def light(decision: Decision) -> Decision:
 _MAX = float(np.finfo(np.float64).max)
 
 
-def bisect(box: Box, component: int) -> tuple[Box, ...]:
+def bisect(box: Box, component: int) -> Boxes:
     """The two halves of a box, or () where float64 has no number between its bounds."""
     lo, hi = box.lo[component], box.hi[component]
     cut = float(_middle(lo[None], hi[None])[0])
@@ -278,7 +276,7 @@ class LargestFirst:
         out._reach, out._scale = reach, self._scale * unit
         return out
 
-    def split(self, box: Box) -> tuple[Box, ...]:
+    def split(self, box: Box) -> Boxes:
         (component,), _ = self.cuts(box.names, box.lo[None], box.hi[None])
         return bisect(box, int(component)) if component >= 0 else ()
 

@@ -12,7 +12,7 @@ from cpcal.solver.accounts import RowUse
 from cpcal.solver.contract import Clock, Verdict
 from cpcal.solver.execution.stopping import asked
 from cpcal.solver.existence.unique import Unique, UniquenessProver
-from cpcal.solver.interval import Box, Interval, IntervalArray
+from cpcal.solver.interval import Box, Boxes, Interval, IntervalArray
 from cpcal.solver.interval.box import Variable
 from cpcal.solver.search.search import Search, clusters, difference, volume
 
@@ -46,19 +46,19 @@ class Paving:
     status: str
     solutions: tuple[Solution, ...]
     nodes: int
-    inside: tuple[Box, ...] = ()
-    outside: tuple[Box, ...] = ()
+    inside: Boxes = ()
+    outside: Boxes = ()
     method: str = ""  # contractors and strategy: what was chosen, and why
     width: float = 0.0  # of boxes that are not divided further
     row_use: RowUse | None = None  # of the contractors that came to this answer
 
     @property
-    def boundary(self) -> tuple[Box, ...]:
+    def boundary(self) -> Boxes:
         """The boxes that may hold solutions."""
         return tuple(s.box for s in self.solutions if s.verdict is Verdict.UNKNOWN)
 
     @property
-    def clusters(self) -> tuple[Box, ...]:
+    def clusters(self) -> Boxes:
         """The hull of each cluster of `solutions`: neighbours that may be about one and the same solution."""
         members: dict[int, list[Box]] = {}
         for solution in self.solutions:

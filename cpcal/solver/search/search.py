@@ -19,7 +19,7 @@ from cpcal.common.values import Indices, Names
 from cpcal.solver.accounts import Uses
 from cpcal.solver.contract import Contraction, Row
 from cpcal.solver.execution.checkpoint_file import Line
-from cpcal.solver.interval import Box, Interval, IntervalArray
+from cpcal.solver.interval import Box, Boxes, Interval, IntervalArray
 from cpcal.solver.interval.kernels import check_rounding
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -69,6 +69,9 @@ class Piece:
     decided: Any = field(default=None, compare=False, repr=False)
 
 
+Record = tuple[str, Line]  # a contractor's name, and a step as a certificate says it
+
+
 @dataclass(frozen=True)
 class Decision:
     """What becomes of a node. `contraction.box` is what is left of its box, and `pieces` cover that.
@@ -82,8 +85,8 @@ class Decision:
     contraction: Contraction
     pieces: tuple[Piece, ...] = ()
     uses: Uses = ()
-    proof: tuple[tuple[str, dict[str, Any]], ...] = ()
-    removed: tuple[Box, ...] = ()
+    proof: tuple[Record, ...] = ()
+    removed: Boxes = ()
 
 
 Process = Callable[[Node], Decision]
@@ -259,8 +262,11 @@ class Standing(NamedTuple):
         """What `lines` gave. Raises KeyError, TypeError, ValueError, ModelError."""
         found: dict[str, list[Any]] = {where: [] for where in ("pending", "begun", "kept", "inside", "outside")}
         for line in lines:
-            where, box = line["in"], _box_of(names, line["box"])
-            part = _box_of(names, line["found"]) if "found" in line else box
+            where = line["in"]
+            box, part = (
+                Box(names, *(np.array(side, np.float64) for side in ends)) if ends else Box.empty(names)
+                for ends in (line["box"], line.get("found", line["box"]))
+            )
             state = Branch(part, line["fresh"], rows_of(line["rows"])) if "rows" in line else part
             if where in ("pending", "begun"):
                 found[where].append(Node(box, line["depth"], line["serial"], state))
@@ -277,10 +283,6 @@ def _line(box: Box, state: Branch | Box | None = None) -> Line:
     return {name: None if one.is_empty else [one.lo.tolist(), one.hi.tolist()] for name, one in boxes.items()}
 
 
-def _box_of(names: Names, bounds: Any) -> Box:
-    return Box.empty(names) if bounds is None else Box(names, *(np.array(side, np.float64) for side in bounds))
-
-
 def rows_of(pairs: Any) -> frozenset[Row]:
     return frozenset((int(constraint), int(element)) for constraint, element in pairs)
 
@@ -289,7 +291,7 @@ def rows_of(pairs: Any) -> frozenset[Row]:
 # Sets of boxes: what is left of a box without another, which boxes touch, how much room they take.
 
 
-def difference(box: Box, part: Box) -> tuple[Box, ...]:
+def difference(box: Box, part: Box) -> Boxes:
     """At most 2n boxes that cover `box` without `part`, a subset of it; they meet only at their faces."""
     if part.is_empty:
         return () if box.is_empty else (box,)

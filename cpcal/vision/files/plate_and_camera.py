@@ -2,7 +2,7 @@
 cameras as OpenCV and ROS write them in YAML."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,7 @@ import numpy as np
 from cpcal.common.documents import KeyPath, TomlReader, array, document, one_of, positive, text, truth, whole
 from cpcal.common.errors import InputError, Problems, shown, unusable
 from cpcal.common.files import StrPath, small_file, write_file
-from cpcal.common.values import Floats, Names, Value, fill, freeze, frozen_mapping
+from cpcal.common.values import Floats, Json, Names, Texts, Value, fill, freeze, frozen_mapping
 from cpcal.vision.camera import BROWN, CAMERA_NUMBERS, LENSES, PIXELS_MAX, Camera, implausible
 from cpcal.vision.opencv import MissingExtraError
 from cpcal.vision.target import Target, target_from
@@ -54,7 +54,7 @@ class CameraRecord(Value):
     camera: Camera
     covariance: Floats | None = None
     rms: float | None = None
-    provenance: Mapping[str, str] = field(default_factory=dict)
+    provenance: Texts = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         fill(self, provenance=frozen_mapping(self.provenance))
@@ -256,7 +256,7 @@ def camera_from_yaml(path: Path) -> Camera:
     return camera
 
 
-def _numbers(document: dict[str, Any], key: str, wrong: Any) -> Floats:
+def _numbers(document: Json, key: str, wrong: Any) -> Floats:
     """The entries of a matrix, in rows; none where it is wrong."""
     value = document.get(key)
     data: Any = value.get("data") if isinstance(value, dict) else value
@@ -267,7 +267,7 @@ def _numbers(document: dict[str, Any], key: str, wrong: Any) -> Floats:
         return np.zeros(0)
 
 
-def _model(document: dict[str, Any], distortion: Floats, wrong: Any) -> str:
+def _model(document: Json, distortion: Floats, wrong: Any) -> str:
     """The lens: as it is named, or by the count of its numbers. OpenCV's four numbers are k1, k2, p1, p2."""
     named = document.get("distortion_model")
     if named is not None and not (isinstance(named, str) and named in _ROS_MODELS):
