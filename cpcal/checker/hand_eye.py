@@ -35,7 +35,7 @@ from .frames import (
     rotation,
     unit,
 )
-from .lens import Cameras, values
+from .lens import LENSES, distorted
 from .polynomial import applied, minus, plus, product, transposed
 from .readers import (
     STRANGE,
@@ -115,8 +115,8 @@ def _study(data: Json) -> Study:
     camera, setup = data["camera"], choice(*_SETUPS)(data["setup"])
     names, *poses = zip(*many(entry(text, *[exact] * 13))(data["images"]), strict=True)
     image, labels, *places = zip(*many(entry(whole(len(names)), text, *[exact] * 8))(data["points"]), strict=True)
-    focal, center, distortion = (tuple(map(exact, camera[key])) for key in ("focal", "center", "distortion"))
-    if len(focal) != 2 or len(center) != 2 or min(focal) <= 0:
+    focal, center = (many(exact, 2)(camera[key]) for key in ("focal", "center"))
+    if min(focal) <= 0:
         raise Refused("holds no camera")
     if len(set(names)) < len(names) or len(set(zip(image, labels, strict=True))) < len(image):
         raise Refused("holds an image, or a point of an image, twice")
@@ -130,23 +130,16 @@ def _study(data: Json) -> Study:
         setup == _SETUPS[0], focal, center, names, tuple(zip(rows, turns, strict=True)), widths,
         image, labels, rays, points, places[7],
     )  # fmt: skip
-    if text(camera["model"]) == "brown":  # undistorted pixels of other lenses are taken as they stand
-        _check_lens(study, pixels, distortion)
+    model = choice(*LENSES)(camera["model"])
+    undistorted, measured = (
+        [numbers((v - c) / f for v, c, f in zip(at, center, focal, strict=True)) for at in part]
+        for part in (rays, pixels)
+    )
+    lens = distorted(model, many(exact, LENSES[model])(camera["distortion"]), undistorted)
+    for found, true in zip(lens, measured, strict=True):  # the only one, as far out as any of them, that it moves there
+        if any(f * off.size.ends[1] > _LENS for f, off in zip(focal, minus(found, true), strict=True)):
+            raise Refused("holds an undistorted pixel that is another one")
     return study
-
-
-def _check_lens(study: Study, pixels: Sequence[Vector], distortion: Vector) -> None:
-    """Each undistorted pixel is the only one, as far out as any of them, that the lens moves to the measured one."""
-    directions = [
-        numbers((v - c) / f for v, c, f in zip(ray, study.center, study.focal, strict=True)) for ray in study.rays
-    ]
-    farthest = max(map(longest, directions), key=lambda one: one.hi)
-    lens = Cameras((*study.focal, *study.center, *distortion), [()] * 9, farthest.ends[1])
-    for x, pixel in zip(directions, pixels, strict=True):
-        for d, v, c, f in zip(lens.at_center(values(x)), pixel, study.center, study.focal, strict=True):
-            if (number(c) + number(f) * d - number(v)).size.ends[1] > _LENS:
-                raise Refused("holds an undistorted pixel that is another one")
-    assert not any(distortion) or lens.least
 
 
 # given frames -------------------------------------------------------------------------------------------------------
@@ -334,8 +327,7 @@ class _Run:
         with reading(STUDY_NAME):
             data = parsed(given, finite)
             budget = run_budget(len(array(data["points"])), work)
-            self.study, lens = _study(data), data["camera"]["model"]
-            self.lens = "" if lens == "brown" else f"; undistorted pixels of the lens {shown(lens)} are taken as stated"
+            self.study = _study(data)
         self.certificates = HandEyeCertificates(folder, self.study, sha256(given).hexdigest(), budget)
         self.result = parsed(content(folder / HAND_EYE_NAME), finite)
         with reading(HAND_EYE_NAME):
@@ -427,7 +419,7 @@ class _Run:
         without = f", without {', '.join(result['left_out'])}" if len(kept) < len(study.images) else ""
         ends = (f"{name} from {float(low)!r} to {float(high)!r} {unit(name)}" for name, low, high in known)
         given = f"; given, not proved: {', '.join(ends)}" if known else ""
-        return f"box: {turned}, positions within {reach} mm of its centre{without}{given}{self.lens}"
+        return f"box: {turned}, positions within {reach} mm of its centre{without}{given}"
 
     def ranges(self) -> str:
         ranges, eps = self.result["ranges"], self.tolerance()

@@ -1,7 +1,7 @@
 """The camera of a pose set: a pixel to the first order in direction and camera, and how far the centre of a dot's image
-is from the image of its centre.
+is from the image of its centre. And the lenses of hand-eye studies.
 
-docs/certificate-format.md, "Pose sets", has the formulas and why they hold.
+docs/certificate-format.md, "Pose sets" and "Hand-eye", has the formulas and why they hold.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -239,3 +239,65 @@ def _bent_center(
         parts = [average(c, p).around(c.size * beyond[p]) for p, c in enumerate(curved[k : k + 3])]
         out.append(moved + _HALF * (parts[0] + 2 * parts[1] + parts[2]))
     return out
+
+
+# lenses of hand-eye studies -----------------------------------------------------------------------------------------
+
+LENSES = {"brown": 5, "rational": 8, "fisheye": 4}  # how many numbers each has
+_HALVINGS, _PIECES = 12, 500
+
+
+def distorted(model: str, given: Sequence[F], rays: Sequence[Vector]) -> list[list[Bounds]]:
+    """Where a lens moves directions. Refuses one that may move two to one place, both as near as the farthest of these.
+
+    It moves x to (h n(t) / m(t) + 2 q . x) x + q r^2 with q = (p2, p1), t = r^2 and h = 1; a fisheye, whose q is zero,
+    with t = (atan r)^2 and h = atan(r) / r.
+    """
+    squares, k = [x.square + y.square for x, y in rays], numbers(given)
+    if model == "fisheye":
+        n, m, q, turns = [ONE, *k], [ONE], [ZERO, ZERO], [_turn_of(s) for s in squares]
+    else:
+        n, m, q, turns = [ONE, *k[:2], k[4]], [ONE, *k[5:]], [k[3], k[2]], [(ONE, s) for s in squares]
+    _check_slopes(n, m, q, max((t for _, t in turns), key=lambda t: t.hi))
+    out = []
+    for x, s, (h, t) in zip(rays, squares, turns, strict=True):
+        factor = h * _polynomial(n, t)[0] / _polynomial(m, t)[0] + 2 * dot(q, x)
+        out.append([factor * v + p * s for v, p in zip(x, q, strict=True)])
+    return out
+
+
+def _turn_of(s: Bounds) -> tuple[Bounds, Bounds]:
+    """atan(r) / r and atan(r)^2 of s = r^2: by tan(a / 2) = r / (1 + sqrt(1 + r^2)), and then between two sums of the
+    series."""
+    share, rest = ONE, s
+    for _ in range(_HALVINGS):
+        half = ONE + (ONE + rest).root
+        share, rest = 2 * share / half, rest / half.square
+    least = ONE - rest * number(F(1, 3))
+    share *= Bounds(least.lo, (least + rest.square * number(F(1, 5))).hi)
+    return share, s * share.square
+
+
+def _polynomial(coefficients: Vector, t: Bounds) -> tuple[Bounds, Bounds]:
+    """Its value and its derivative, by Horner's rule."""
+    value, slope = ZERO, ZERO
+    for c in reversed(coefficients):
+        value, slope = c + t * value, value + t * slope
+    return value, slope
+
+
+def _check_slopes(n: Vector, m: Vector, q: Vector, where: Bounds) -> None:
+    """The lens's symmetric Jacobian is positive definite for all t: in a disk of directions it moves no two to one
+    place.
+
+    Its radial part g = h n / m has the eigenvalues g and d(r g) / dr; g is a mean of those nearer to the axis. The
+    latter is n m + 2 t (n' m - n m') over m^2, for a fisheye over 1 + r^2. The tangential part's eigenvalues are at
+    least -6 |q| r.
+    """
+    tangential = 6 * longest(q) * where.root
+    for k in range(_PIECES):
+        t = where * between(F(k, _PIECES), F(k + 1, _PIECES))
+        (a, a1), (b, b1) = _polynomial(n, t), _polynomial(m, t)
+        slope = a * b + 2 * (t * (a1 * b - a * b1)) - tangential * b.square
+        if min(b.lo, slope.lo) <= 0:
+            raise Refused("has a lens that may turn back before its farthest point", "proof")

@@ -1,5 +1,6 @@
 """The rows of hand-eye studies, derived in exact numbers, hold at exact truths and fail where they should."""
 
+import math
 from dataclasses import replace
 from fractions import Fraction as F
 
@@ -8,10 +9,13 @@ import pytest
 from flint import arb, fmpq
 
 from cpcal.checker import Refused
+from cpcal.checker.bounds import numbers
 from cpcal.checker.frames import EQUATIONS, SIDES, Rows, Study, asked_box, holds
 from cpcal.checker.hand_eye import errors
+from cpcal.checker.lens import distorted
 from cpcal.checker.rule import Box
 from tests.checker.proofs import across, applied, rotation_of, times, value_at
+from tests.vision.test_camera import LENSES
 
 SETUPS = [True, False]
 
@@ -249,6 +253,42 @@ def test_a_known_tilt_bounds_the_cosine_in_a_rotation_from_outside(name, entry, 
     lo, hi = (arb(fmpq(v.numerator, v.denominator)) for v in (box.lo[entry], box.hi[entry]))
     assert least - 1e-11 < lo <= least
     assert most <= hi < most + 1e-11
+
+
+@pytest.mark.parametrize("camera", LENSES)
+def test_where_a_lens_moves_directions_is_enclosed(camera):
+    """Against OpenCV's formulas in arb."""
+    rays = [[F(v) for v in x] for x in np.random.default_rng(2).uniform(-0.5, 0.5, (20, 2)).tolist()]
+    k = camera.distortion.tolist()
+    for ray, found in zip(rays, distorted(camera.model, list(map(F, k)), list(map(numbers, rays))), strict=True):
+        x, y = (arb(fmpq(v.numerator, v.denominator)) for v in ray)
+        s = x * x + y * y
+        if camera.model == "fisheye":
+            a = s.sqrt().atan()
+            g, p1, p2 = a / s.sqrt() * (1 + sum(c * a ** (2 * n + 2) for n, c in enumerate(k))), 0, 0
+        else:
+            k1, k2, p1, p2, k3, k4, k5, k6 = k + [0] * (8 - len(k))
+            g = (1 + k1 * s + k2 * s**2 + k3 * s**3) / (1 + k4 * s + k5 * s**2 + k6 * s**3)
+        moved = g * x + 2 * p1 * x * y + p2 * (s + 2 * x * x), g * y + p1 * (s + 2 * y * y) + 2 * p2 * x * y
+        for wanted, one in zip(moved, found, strict=True):
+            lo, hi = (arb(fmpq(v.numerator, v.denominator)) for v in one.ends)
+            assert hi - lo < 1e-14
+            assert wanted.overlaps(lo.union(hi))
+
+
+@pytest.mark.parametrize(
+    ("model", "given", "edge"),
+    [
+        ("brown", (F(-1, 3), 0, 0, 0, 0), 1.0),
+        ("brown", (0, 0, 0, F(1, 6), 0), 1.0),
+        ("rational", (0, 0, 0, 0, 0, 1, 0, 0), 1.0),
+        ("fisheye", (F(-1, 3), 0, 0, 0), math.tan(1.0)),
+    ],
+)
+def test_a_lens_is_refused_only_where_it_turns_back(model, given, edge):
+    distorted(model, given, [numbers([F(0.999 * edge), F(0)]), numbers([F(0)] * 2)])
+    with pytest.raises(Refused, match="may turn back before its farthest point"):
+        distorted(model, given, [numbers([F(1.001 * edge), F(0)])])
 
 
 def product_of(a, b):
