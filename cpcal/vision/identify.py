@@ -52,13 +52,15 @@ _BENDS = (0.0, 0.03, 0.06, 0.1)  # of lenses that bend outwards, at half the dia
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Points (n, 2), directions in which straight lines are straight; y still points down.
+    """Points (n, 2), directions in which straight lines are straight; their x rise, y still points down.
 
+    members    (n,) which pixels show them
     spacing    median distance between nearest neighbours
     reach      how far a dot may be off its predicted place
     """
 
     points: Floats
+    members: Ints
     spacing: float
     reach: float
     camera: Camera
@@ -81,12 +83,12 @@ def _seen_rectangle(camera: Camera) -> ArrayPair:
 
 
 def view_of(camera: Camera, pixels: Floats, off: float = _EXACT) -> View:
-    """The directions of pixels (n, 2), which may be `off` by so much of the spacing; one that the camera cannot show
-    stays nan."""
+    """The directions of the pixels (n, 2) that the camera can show, which may be `off` by so much of the spacing."""
     rays = camera.normalised(pixels)
-    shown = rays[np.isfinite(rays).all(axis=1)]
-    spacing = median(np.asarray(cKDTree(shown).query(shown, 2)[0])[:, 1]) if len(shown) > 1 else 0.0
-    return View(rays, spacing, off * spacing, camera)
+    members = np.argsort(rays[:, 0])[: np.isfinite(rays).all(axis=1).sum()]
+    points = rays[members]
+    spacing = median(np.asarray(cKDTree(points).query(points, 2)[0])[:, 1]) if len(points) > 1 else 0.0
+    return View(points, members, spacing, off * spacing, camera)
 
 
 def _guesses(size: tuple[int, int]) -> list[Camera]:
@@ -101,11 +103,9 @@ def _guesses(size: tuple[int, int]) -> list[Camera]:
 def nearest(view: View, predicted: Floats, reach: float) -> Ints:
     """For each predicted dot of m hypotheses (m, n, 2) the found one (m, n) that is its nearest, and the other way
     round, within `reach`; -1 where none is."""
-    rising, out = np.argsort(view.points[:, 0]), np.empty(predicted.shape[:-1], np.int64)
-    points = view.points[rising]
-    first = np.searchsorted(points[:, 0], predicted[..., 0] - reach)
-    mutually_nearest(points, predicted, first, reach, out)
-    return np.where(out >= 0, rising[out], -1)
+    first, out = np.searchsorted(view.points[:, 0], predicted[..., 0] - reach), np.empty(predicted.shape[:-1], np.int64)
+    mutually_nearest(view.points, predicted, first, reach, out)
+    return out
 
 
 def pairs(view: View, predicted: Floats, reach: float) -> tuple[Ints, Ints]:
@@ -164,9 +164,9 @@ def lattices(points: Floats, off: float = _OFF) -> Iterator[Lattice]:
     place = points @ [1.0, 1j]  # as complex numbers
     arms = place[near] - place[:, None]
     length = np.abs(arms)
-    apart = np.abs(arms[:, :, None] + arms[:, None]) / np.maximum(length, 1e-300)[:, :, None]
-    apart[:, *np.tril_indices(count - 1)] = np.inf
-    opposite, best = apart.argmin(axis=2), apart.min(axis=2)  # of each arm the one that is most nearly opposite
+    apart = np.abs(arms.T[:, :, None] + arms) / np.maximum(length, 1e-300)
+    apart += np.triu(np.full((count - 1, count - 1), np.inf))[:, None]  # to a longer arm
+    opposite, best = apart.argmin(axis=0), apart.min(axis=0)  # of each arm the one that is most nearly opposite
     anchors, taken = np.argsort(np.sort(best, axis=1)[:, 1]), np.zeros(len(points), bool)
     for _ in range(min(_ANCHORS, len(points))):
         first = int(taken[anchors].argmin())  # none that a lattice has, as long as there are others
@@ -190,8 +190,8 @@ def _grown_lattice(points: Floats, begun: Floats, off: float) -> Lattice | None:
     to_nodes, nodes, members = floats(np.linalg.inv(begun)), points[:0], np.arange(0)
     for ring in _RINGS:
         places = mapped(to_nodes, points)
-        rounded, inside = np.rint(places), np.abs(places).max(axis=1) < ring + 0.5
-        near = np.flatnonzero(inside & (np.abs(places - rounded).max(axis=1) < off))
+        rounded, inside = np.rint(places), np.maximum(*np.abs(places).T) < ring + 0.5
+        near = np.flatnonzero(inside & (np.maximum(*np.abs(places - rounded).T) < off))
         if len(near) < max(5, _SHARE * inside.sum()):
             break  # something else begins: another plate, a background
         if not fit_homography(points[near], rounded[near], 6 if ring == 1 else 8, to_nodes):
@@ -226,9 +226,8 @@ def ways(some: Ints, others: Ints) -> tuple[Ints, Ints]:
         if k == 8 and some is not others and max(counts) >= _PLAIN * min(len(some), len(others)):
             break  # no shear is needed
         turned = some @ turn.T @ [wide, 1]
-        shifts = np.subtract.outer(seen, turned).ravel()
-        least = int(shifts.min())
-        met = np.bincount(shifts - least)
+        least = int(seen.min() - turned.max())
+        met = np.bincount(np.subtract.outer(seen - least, turned).ravel())
         for best in np.argpartition(-met, min(_SHIFTS, len(met) - 1))[:_SHIFTS].tolist():
             x = (best + least + wide // 2) // wide
             y = best + least - x * wide
@@ -412,8 +411,9 @@ def apart(view: View, target: Target, fit: Hypothesis) -> int:
     """How many errors, `_APART` at most, the best near-symmetry that a camera could see (none of the mirrored) makes on
     dots that are all where `fit` has them, and in view."""
     shown = np.flatnonzero(fit.in_view)
-    perfect = fit._replace(found=np.arange(len(shown)), numbers=shown, errors=0)
     points = mapped(fit.homography, target.dots[shown])
+    rising = np.argsort(points[:, 0])
+    perfect, points = fit._replace(found=rising, numbers=shown[rising], errors=0), points[rising]
     return min(_APART, best_rival(replace(view, points=points), target, perfect, _APART, mirrored=False)[0])
 
 
@@ -485,10 +485,8 @@ def identify(
     size = size or tuple((2.0 + pixels[usable].max(axis=0)).astype(int).tolist())
     for seen_by in _guesses(size) if camera is None else [camera]:
         view = view_of(seen_by, pixels[usable], _GUESSED if camera is None else _EXACT)
-        shown = np.isfinite(view.points).all(axis=1)
-        view, mine = replace(view, points=view.points[shown]), usable[shown]
         if camera is not None:
-            _check_count(len(mine), target)
+            _check_count(len(view.points), target)
         if not view.spacing > 0.0:
             raise Unidentified("most dots lie on one another")
         fit = None if near is None else followed(view, target, near)
@@ -503,7 +501,7 @@ def identify(
                 if str(other) == _MIRRORED:
                     raise Unidentified("ambiguous: the target and its mirror image are in sight")
             if best is None or len(answer.found) > len(best.found):
-                best = replace(answer, found=mine[answer.found])
+                best = replace(answer, found=usable[view.members[answer.found]])
             if len(answer.missing) + len(answer.false) <= _NEARLY * len(view.points):
                 break
         else:
@@ -539,8 +537,8 @@ def turned(
     else:
         aim = np.array(SIDES[first_row])
     all_ways = [found.numbers, *(image[found.numbers] for image in maps)]
-    slopes = [-_growth(target.dots[way], seen) for way in all_ways]
-    cosines = [float(slope @ aim / np.linalg.norm(slope) / np.linalg.norm(aim)) for slope in slopes]
+    slopes = np.array([-_growth(target.dots[way], seen) for way in all_ways])
+    cosines = slopes @ aim / np.linalg.norm(slopes, axis=1) / np.linalg.norm(aim)
     best = int(np.argmax(cosines))
     if cosines[best] < _AIMED:
         raise Unidentified("ambiguous: the first row of the target is not clearly where the hint says")

@@ -1,6 +1,7 @@
 """One image or a folder of them to poses: the same whatever the workers, a reason for every image without a pose."""
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from threadpoolctl import threadpool_info
 
 from benchmarks.vision_scenes import degenerate_images, facing_poses, pose_error
 from cpcal.common.errors import InputError
-from cpcal.robot import Pose, quaternion_conjugate, quaternion_product, rotation_vector
+from cpcal.robot import quaternion_conjugate, quaternion_product, rotation_vector
 from cpcal.simulate import simulate_study
 from cpcal.vision.batch.detect import (
     POSITION,
@@ -46,7 +47,7 @@ def rendered():
         seed=3, runs=2, validation_runs=1, random_poses=3, images=2, pose_noise=0.0, camera=camera_above(seed=3)
     )
     every = RenderedImages.of(study.calibration, DELTALAB_TARGET, DELTALAB_CAMERA, Scene(), seed=3)
-    return RenderedImages(every.names[:12], every.poses, every.target, every.camera, every.scene, every.seed)
+    return replace(every, names=every.names[:12])
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +96,7 @@ def test_the_table_does_not_depend_on_who_works(alone, folder):
     assert detections_bytes(pair.rows) == expected
 
 
-def test_a_restart_redoes_nothing(alone, folder, tmp_path):
+def test_a_restart_redoes_nothing(alone, rendered, folder, tmp_path):
     journal = tmp_path / "poses.csv.journal"
 
     class Enough(Exception):
@@ -123,19 +124,15 @@ def test_a_restart_redoes_nothing(alone, folder, tmp_path):
     assert detect(*given, workers=1, journal=journal).measured == 1
     head, *_ = journal.read_text().splitlines()
     journal.write_text(json.dumps({**json.loads(head), "of": "another camera"}) + "\n")
-    stale = RenderedImages(("e00/1/1.png",), *_of(alone))
-    assert detect(stale, DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=journal).measured == 1
+    assert (
+        detect(
+            replace(rendered, names=rendered.names[:1]), DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=journal
+        ).measured
+        == 1
+    )
     journal.write_text("not a journal\n")
     with pytest.raises(InputError, match="is not a journal"):
         detect(*given, workers=1, journal=journal)
-
-
-def _of(alone):
-    """Poses, target, camera, scene and seed of one rendered image."""
-    row = next(row for row in alone.rows if row.found)
-    values = values_of([row])
-    poses = Pose(values[:, POSITION], values[:, QUATERNION])
-    return poses, DELTALAB_TARGET, DELTALAB_CAMERA, Scene(), 0
 
 
 def test_what_fails_unexpectedly_is_told_and_tried_again(rendered, tmp_path):
@@ -143,10 +140,9 @@ def test_what_fails_unexpectedly_is_told_and_tried_again(rendered, tmp_path):
         def read(self, name):
             raise RuntimeError("the disk is on fire")
 
-    r = rendered
-    few = (r.names[:2], r.poses.rows(slice(2)), r.target, r.camera, r.scene, r.seed)
-    journal = tmp_path / "journal"
-    for source, poses in ((Broken(*few), 0), (RenderedImages(*few), 2), (Broken(*few), 2)):
+    good = replace(rendered, names=rendered.names[:2])
+    broken, journal = Broken(**vars(good)), tmp_path / "journal"
+    for source, poses in ((broken, 0), (good, 2), (broken, 2)):
         found = detect(source, DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=journal)
         assert sum(row.found for row in found.rows) == poses
         reasons = {row.reason for row in found.rows if not row.found}

@@ -171,6 +171,7 @@ _SMALL = 4.0  # pixels of radius: of a smaller dot no one can tell an ellipse fr
 _STEEPEST = 0.85  # growth of the light from a dot's centre to its edge: more of it is no light but half a dot
 _RIDGE, _LEAST = 1e-7, 1e-24  # of the normal matrix, relative to its diagonal; and the least diagonal
 _SOFT = 0.5  # of a spot's second moments: where a fit that failed begins again
+_SHRUNK = 0.7  # of a spot's area, at least: what of it is the dot's by its grey levels
 _EVEN = 0.1  # standard deviation of the parameters 8 and 9 before anything is seen: only motion makes them large
 
 
@@ -220,13 +221,19 @@ def _begin(p: Floats, center: Floats, spread: Floats, light: Floats) -> float:
 
 @compiled
 def _levels(p: Floats, unit: float, depth: Single, level: Single) -> float:
-    """Back, contrast and blur to begin with; returns the variance of the levels."""
-    grey = level.astype(np.float64)
-    outer = grey[depth < -1.5 / unit]
-    inner = grey[depth > min(1.5 / unit, 0.4 * max(depth.max(), 0.0))]
-    back = outer.sum() / max(len(outer), 1)
-    p[5], p[6], p[7] = back, inner.sum() / max(len(inner), 1) - back, -np.log(unit)  # a blur of one pixel
-    return float(grey.var())
+    """Back, contrast, size and blur to begin with; returns the variance of the levels."""
+    out, deep = -1.5 / unit, min(1.5 / unit, 0.4 * max(depth.max(), 0.0))
+    total, squares, outer, inner, outside, inside, within = 0.0, 0.0, 0.0, 0.0, 0, 0, 0
+    for k in range(len(level)):
+        grey, d = float(level[k]), depth[k]
+        total, squares, within = total + grey, squares + grey * grey, within + (d > _ZERO)
+        outer, outside = outer + grey * (d < out), outside + (d < out)
+        inner, inside = inner + grey * (d > deep), inside + (d > deep)
+    back, mean = outer / max(outside, 1), total / len(level)
+    p[5], p[6], p[7] = back, inner / max(inside, 1) - back, -np.log(unit)  # a blur of one pixel
+    beyond = (total - back * len(level)) / p[6] - within  # pixels' worth of the dot, whatever the blur
+    p[2:5] /= min(max(1.0 + beyond / (np.pi * unit * unit), _SHRUNK), 1.0 / _SHRUNK)
+    return squares / len(level) - mean * mean
 
 
 @compiled
@@ -268,7 +275,7 @@ def _stepped(p: Floats, unit: float, used: int, count: int, matrix: Single, step
         p[i] += min(max(step[i], -limit), limit)
     for i in range(8, PLAIN):
         p[i] = min(max(p[i], -0.65), 0.65)
-    fine = p[2] > 0.0 and p[2] * p[4] - p[3] ** 2 > 1e-3 and max(abs(p[2]), abs(p[3]), abs(p[4])) < 20.0
+    fine = p[2] > 0.0 and p[2] * p[4] - p[3] ** 2 > 1e-3 and max(p[2], p[4]) < 20.0
     if not (fine and max(abs(p[0]), abs(p[1])) < 1.0 and abs(p[7]) < 6.0):
         return np.nan
     shape = max(abs(step[2]), abs(step[3]), abs(step[4]), abs(step[7]))
@@ -282,18 +289,14 @@ def _result(p: Floats, unit: float, used: int, count: int, matrix: Single, step:
     for i in range(used):  # after the step, to first order
         squares -= matrix[-1, i] * step[i]
     variance = max(squares, 0.0) / max(count - used, 1)
-    moves, by_x, by_y = _moves(p), np.zeros(used), np.zeros(used)
-    if not solved(matrix, used, _RIDGE, _LEAST, moves[0], by_x) or not solved(
-        matrix, used, _RIDGE, _LEAST, moves[1], by_y
-    ):
-        return
-    out[0], out[1] = np.dot(moves[0], p) * unit, np.dot(moves[1], p) * unit
-    for i in range(3):
-        out[2 + i] = p[2 + i] / unit**2
-    out[5], out[6], out[7] = p[5], p[6], np.exp(p[7]) * unit
+    moves, by = _moves(p), np.zeros((2, used))
+    for k in range(2):
+        solved(matrix, used, _RIDGE, _LEAST, moves[k], by[k])  # as the step was
+        out[k] = np.dot(moves[k], p) * unit
+    out[2:5], out[5:7], out[7] = p[2:5] / unit**2, p[5:7], np.exp(p[7]) * unit
     scale = variance * unit * unit
-    out[8], out[9] = scale * np.dot(moves[0, :used], by_x), scale * np.dot(moves[1, :used], by_x)
-    out[10] = scale * np.dot(moves[1, :used], by_y)
+    out[8], out[9] = scale * np.dot(moves[0, :used], by[0]), scale * np.dot(moves[1, :used], by[0])
+    out[10] = scale * np.dot(moves[1, :used], by[1])
     out[11] = np.sqrt(variance)
 
 
@@ -316,23 +319,13 @@ def _moves(p: Floats) -> Floats:
 def _further(matrix: Single, moves: Floats, unit: float, variance: float, odd: Floats) -> None:
     """What the light's growth would be: information and right side after the centre was eliminated, and how it would
     move the centre."""
-    block = np.empty((2 + ODD, 3 + ODD))
-    for i in range(4):
-        at = i if i < 2 else i - 2 + PLAIN
-        for j in range(4):
-            block[i, j] = matrix[at, j if j < 2 else j - 2 + PLAIN]
-        block[i, 4] = matrix[-1, at]
-    for k in range(2):
-        block[k, k:] /= block[k, k]
-        for i in range(4):
-            if i != k:
-                block[i, k:] -= block[i, k] * block[k, k:]
-    scale = 1.0 / max(variance, 1e-12)
-    for i in range(2):
-        odd[i, 2] = scale * block[2 + i, 4]
-        for k in range(2):
-            odd[i, k] = scale * block[2 + i, 2 + k]
-            odd[i, 3 + k] = unit * (moves[k, PLAIN + i] - block[k, 2 + i])
+    full = matrix.astype(np.float64)
+    xx, xy, yy, by_x, by_y = full[0, 0], full[0, 1], full[1, 1], full[0, PLAIN:], full[1, PLAIN:]
+    det = xx * yy - xy * xy
+    x, y = (yy * by_x - xy * by_y) / det, (xx * by_y - xy * by_x) / det
+    for i in range(ODD):
+        odd[i, :3] = (full[PLAIN + i, PLAIN:] - x[i] * by_x - y[i] * by_y) / max(variance, 1e-12)
+        odd[i, 3], odd[i, 4] = unit * (moves[0, PLAIN + i] - x[i]), unit * (moves[1, PLAIN + i] - y[i])
 
 
 @dataclass(frozen=True, eq=False)
@@ -389,6 +382,6 @@ def fitted_edges(grey: Grey, center: Floats, spread: Floats, room: Floats, light
         again, odd_again = out[failed], odd[failed]
         fit_dots(grey, center[failed], _SOFT * spread[failed], room[failed], light[failed], used, again, odd_again)
         out[failed], odd[failed] = again, odd_again
-    conic, covariance = out[:, [[2, 3], [3, 4]]], out[:, [[8, 9], [9, 10]]]
     contrast, blur, noise, variance = out[:, [6, 7, 11, 12]].T
-    return Edges(out[:, :2], conic, covariance, contrast, blur, noise, variance, odd)
+    pairs = out[:, :2], out[:, [[2, 3], [3, 4]]], out[:, [[8, 9], [9, 10]]]
+    return Edges(*pairs, contrast, blur, noise, variance, odd)
