@@ -168,22 +168,19 @@ class CentredRows:
     """
 
     def __init__(self, shift: Shift, coefficients: IntervalArray) -> None:
-        self._shift = shift
         self._gamma = 4.0 * (len(shift.beta) * coefficients.shape[0] + shift.degree + 8) * _UNIT
         # along the rows in memory, for the loops of `_centred`
         lo = np.ascontiguousarray(coefficients.lo.transpose(0, 2, 1))
         hi = lo if coefficients.lo is coefficients.hi else np.ascontiguousarray(coefficients.hi.transpose(0, 2, 1))
         self._mid, self._errors, self.matters = _split(lo, hi, self._gamma)
         self._terms = np.flatnonzero(np.any(self._errors, axis=1)[shift.alpha])
+        self._beta, self._alpha = shift.beta[self._terms], shift.alpha[self._terms]
 
-    def on(self, center: Floats, radius: Floats) -> tuple[Floats, Floats]:
-        """On a box: coefficients (M, K) of every u^beta, and a widening (K,): for all readings in their sets
-
-        the row's value at u lies within the widening of `coefficients.T @ u^beta`.
+    def on(self, rounded: Floats) -> tuple[Floats, Floats]:
+        """On a box with these terms of the shift: coefficients (M, K) of every u^beta, and a widening (K,): for all
+        readings in their sets the row's value at u lies within the widening of `coefficients.T @ u^beta`.
         """
-        shift, terms = self._shift, self._terms
-        term = shift.rounded(center, radius)[terms]
-        return _centred(self._mid, self._errors, shift.beta[terms], shift.alpha[terms], term, self._gamma)
+        return _centred(self._mid, self._errors, self._beta, self._alpha, rounded[self._terms], self._gamma)
 
 
 @compiled
@@ -355,9 +352,9 @@ class Structure:
 
     def __init__(self, system: PolynomialSystem) -> None:
         self.system = system
-        shift = _shift(system.monomials, len(system.names))
-        self.rows = CentredRows(shift, system.coefficients)
-        self.guards = CentredRows(shift, _guards(system)) if system.guarded.any() else None
+        self.shift = _shift(system.monomials, len(system.names))
+        self.rows = CentredRows(self.shift, system.coefficients)
+        self.guards = CentredRows(self.shift, _guards(system)) if system.guarded.any() else None
         # A monomial whose coefficients all contain zero is bounded, not given a column.
         divisors = _divisors(system.monomials)
         self.used = _paying(divisors, self.rows.matters[1:], system.monomials[1:])
@@ -430,9 +427,10 @@ class Relaxation:
     def __init__(self, structure: Structure, box: Box) -> None:
         self.center, self.radius = box.mid, box.rad
         with np.errstate(all="ignore"):
-            rows, widening = structure.rows.on(self.center, self.radius)
+            terms = structure.shift.rounded(self.center, self.radius)
+            rows, widening = structure.rows.on(terms)
             if structure.guards is not None:  # with the square of what a guard may fall short by: see `Row`
-                guards, error = structure.guards.on(self.center, self.radius)
+                guards, error = structure.guards.on(terms)
                 lowest = np.nextafter(guards[0] - _up(np.abs(guards[1:]).sum(axis=0) + error, len(guards)), -np.inf)
                 lowest = np.where(np.isfinite(lowest), lowest, -np.inf)  # what overflowed on its way may be anything
                 widening[structure.system.guarded] += _up(np.minimum(lowest, 0.0) ** 2, 1)

@@ -306,7 +306,8 @@ def spread(k: int) -> float:
     return float(1.0 + value - np.floor(value))
 
 
-OPTIMAL, INFEASIBLE, FAILED = (status.value for status in LinearStatus)
+_SAID = tuple(LinearStatus)
+OPTIMAL, INFEASIBLE, FAILED = (status.value for status in _SAID)
 
 PERTURBATION = 1e-9  # of a right side, once to twice
 _FEASIBLE = 1e-10  # by which rows may be violated
@@ -726,12 +727,16 @@ class Dense:
         while done < count and not time.monotonic() > deadline:
             before, done = done, _solved(*program, self._fresh, done, min(done + together, count), reach, *out)
             self._fresh = bool(status[order[done - 1]] == FAILED)
-            for k in np.sort(order[before:done]).tolist():
-                if status[k] == _LEFT_OUT:
+            found, each_size, each_lowest = status.tolist(), sizes.tolist(), lowest.tolist()
+            for k in sorted(order[before:done].tolist()):
+                if found[k] == _LEFT_OUT:
                     continue
-                if status[k] != FAILED:
-                    said, carrying = LinearStatus(int(status[k])), slice(int(sizes[k]))
-                    yield k, LinearSolution(said, points[k], rows[k, carrying], weights[k, carrying], float(lowest[k]))
+                if found[k] != FAILED:
+                    carrying = k, slice(each_size[k])
+                    yield (
+                        k,
+                        LinearSolution(_SAID[found[k]], points[k], rows[carrying], weights[carrying], each_lowest[k]),
+                    )
                     continue
                 solution = self._by_highs(objectives[k])
                 if solution.status is LinearStatus.OPTIMAL:

@@ -6,6 +6,7 @@ import math
 import reprlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
 from operator import le
 from typing import Any, ClassVar, NoReturn, Protocol, TypeAlias, overload
 
@@ -42,8 +43,6 @@ class Box(HasBounds):
     A box with one empty component has no point: it is *the* empty box of its names, all bounds NaN. Equality
     and hash go by names and bounds. `lo` and `hi` are read-only arrays; `mid` is a point of the box near its middle.
     """
-
-    __slots__ = ("hi", "lo", "names")
 
     names: Names
 
@@ -139,6 +138,18 @@ class Box(HasBounds):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Box._raw, (self.names, self.lo, self.hi)
+
+    @cached_property  # one pass over a box asks for these several times
+    def mid(self) -> Floats:
+        return _read_only(super().mid)
+
+    @cached_property
+    def rad(self) -> Floats:
+        return _read_only(super().rad)
+
+    @cached_property
+    def width(self) -> Floats:
+        return _read_only(super().width)
 
     @property
     def array(self) -> IntervalArray:
@@ -265,6 +276,11 @@ class Box(HasBounds):
 
 
 Boxes: TypeAlias = tuple[Box, ...]
+
+
+def _read_only(values: Floats) -> Floats:
+    values.flags.writeable = False
+    return values
 
 
 def component_names(variable: Variable) -> Names:

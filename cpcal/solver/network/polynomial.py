@@ -290,22 +290,34 @@ def one_sided_rows(network: ConstraintNetwork) -> list[Row]:
 Term = tuple[Expr, Expr]  # constant factor, expression
 
 
+_ZERO, _ONE, _MINUS = map(as_expr, (0.0, 1.0, -1.0))
+
+
+def _times(factor: Expr, node: Expr) -> Expr:
+    """Their product, without a factor that says nothing: each operation is made again on every box."""
+    if factor.digest == _ONE.digest:
+        return node
+    if factor.digest == _MINUS.digest:
+        return _ONE if node.digest == _MINUS.digest else _MINUS if node.digest == _ONE.digest else -node
+    return factor * node
+
+
 def terms(expr: Expr) -> list[Term]:
     """`expr` as a sum of constants times expressions that are no sums themselves."""
     out = []
-    stack = [(as_expr(1.0), expr)]
+    stack = [(_ONE, expr)]
     while stack:
         factor, node = stack.pop()
         if node.op in ("add", "sub"):
-            second = factor if node.op == "add" else -factor
+            second = factor if node.op == "add" else _times(_MINUS, factor)
             stack += [(second, node.args[1]), (factor, node.args[0])]
         elif node.op == "neg":
-            stack.append((-factor, node.args[0]))
+            stack.append((_times(_MINUS, factor), node.args[0]))
         elif node.op == "mul" and node.args[0].is_constant:
-            stack.append((factor * node.args[0], node.args[1]))
+            stack.append((_times(factor, node.args[0]), node.args[1]))
         elif node.op in ("mul", "div") and node.args[1].is_constant:
             first, known = node.args
-            stack.append((factor * known if node.op == "mul" else factor / known, first))
+            stack.append((_times(factor, known) if node.op == "mul" else factor / known, first))
         else:
             out.append((factor, node))
     return out
@@ -313,23 +325,22 @@ def terms(expr: Expr) -> list[Term]:
 
 def sign_of(network: ConstraintNetwork, expr: Expr) -> int:
     """1 or -1 for an expression of one sign on the domain, else 0."""
-    tape = Tape(network, [expr])
-    values = tape.values(tape.forward(network.domain.array[None]))
+    values = expr.data
+    if expr.op != "constant":
+        tape = Tape(network, [expr])
+        values = tape.values(tape.forward(network.domain.array[None]))
     return int(np.all(values.lo > 0.0)) - int(np.all(values.hi < 0.0))
 
 
 def isolated(expr: Expr, op: str) -> tuple[Expr, Expr, Expr] | None:
     """The first term with operation `op`: its factor, its node and the sum of all other terms; None without one."""
-    if op not in expr.ops:
+    of = terms(expr) if op in expr.ops else []
+    first = next((k for k, (_, node) in enumerate(of) if node.op == op), None)
+    if first is None:
         return None
-    found = None
-    rest = as_expr(np.zeros(expr.shape))
-    for factor, node in terms(expr):
-        if node.op == op and found is None:
-            found = factor, node
-        else:
-            rest = rest + factor * node
-    return None if found is None else (*found, rest)
+    others = [_times(*term) for term in of[:first] + of[first + 1 :]]
+    rest = sum(others[1:], others[0]) if others else _ZERO
+    return (*of[first], rest if rest.shape == expr.shape else rest + np.zeros(expr.shape))
 
 
 def split(row: Row) -> list[Row] | None:
@@ -349,11 +360,13 @@ def split(row: Row) -> list[Row] | None:
         factor, node, rest = found
         sign = sign_of(ConstraintNetwork(), factor)
         if (op, sign) in (("max", 1), ("min", -1)):
-            return [row._replace(expr=rest + factor * arg) for arg in node.args]
+            return [row._replace(expr=rest + _times(factor, arg)) for arg in node.args]
         if (op, sign) == ("abs", 1):
             return [row._replace(expr=rest + s * factor * node.args[0]) for s in (1.0, -1.0)]
         if op in ("abs", "sqrt") and sign:
-            squared = sqr(factor * node.args[0]) if op == "abs" else sqr(factor) * node.args[0]
+            squared = _times(sqr(factor), node.args[0])
+            if op == "abs":
+                squared = sqr(_times(factor, node.args[0]))
             if sign < 0:
                 return [row._replace(expr=sqr(rest) - squared, guard=rest)]
             return [row._replace(expr=rest), row._replace(expr=squared - sqr(rest))]

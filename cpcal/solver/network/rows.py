@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common.values import ArrayPair, Floats, Indices
+from cpcal.common.values import ArrayPair, Bools, Floats, Indices
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import sweeps
 from cpcal.solver.network.expression import Expr
@@ -179,7 +180,7 @@ class DecisiveReadings:
 
     def __init__(self, network: ConstraintNetwork) -> None:
         self.tape = rows_tape(network)
-        self._data = {leaf.digest: leaf.data for leaf in self.tape.readings}
+        self._data = self.tape.leaves()[self.tape.program.given - self.tape.size :]  # of all readings
 
     def on(self, box: Box, least: float = 0.0) -> list[ReadingSets]:
         """One collection of reading sets per row; components that decide at an end are single points.
@@ -194,28 +195,29 @@ class DecisiveReadings:
         if not tape.continuous(slots):  # monotone on either side of a pole is not monotone
             return whole
         g = tape.gradients(slots[0])
-        parts = [self._sets(tape.rows(root), g) for root in tape.roots]
+        parts = [self._sets(g, *paths) for paths in self._paths]
         decided, able = (sum(counts[k] for _, *counts in parts) for k in (0, 1))
         return [sets for sets, *_ in parts] if decided >= least * able else whole
 
-    def _sets(self, rows: slice, g: IntervalArray) -> tuple[ReadingSets, int, int]:
-        """Of the readings that enter some of these rows: a component that enters two of them stays as it is.
+    @cached_property
+    def _paths(self) -> list[tuple[Indices, Indices, Bools]]:
+        """Of each root the readings that enter some of its rows, from the first one on, where their derivatives stand,
+        and which readings enter one row: a component that enters two of them stays as it is."""
+        reach, first, out = self.tape.reach, self.tape.program.given, []
+        for rows in map(self.tape.rows, self.tape.roots):
+            mine = (reach.leaf >= first) & (reach.row >= rows.start) & (reach.row < rows.stop)
+            leaf = reach.leaf[mine] - first
+            out.append((leaf, reach.entry[mine], np.bincount(leaf, minlength=self.tape.program.first - first) == 1))
+        return out
 
-        How many components decide, and of how many that have a width and enter one row.
-        """
-        paths, tape = self.tape.reach, self.tape
-        mine = (paths.leaf >= tape.program.given) & (paths.row >= rows.start) & (paths.row < rows.stop)
-        leaf, entry = paths.leaf[mine], paths.entry[mine]
-        alone = np.bincount(leaf, minlength=tape.program.first) == 1
-        grows, falls = np.zeros((2, tape.program.first), bool)
-        grows[leaf], falls[leaf] = g.lo[entry] >= 0.0, g.hi[entry] <= 0.0
-        sets, decided, able = {}, 0, 0
-        for digest, where in tape.reading_slots.items():
-            if alone[where].any():
-                data = self._data[digest]
-                up, down = (grows & alone)[where], (falls & ~grows & alone)[where]
-                lo, hi = np.where(down, data.hi, data.lo), np.where(up, data.lo, data.hi)
-                sets[digest] = IntervalArray(lo, hi)
-                wide = alone[where] & (data.lo < data.hi)
-                decided, able = decided + int((wide & (up | down)).sum()), able + int(wide.sum())
-        return sets, decided, able
+    def _sets(self, g: IntervalArray, leaf: Indices, entry: Indices, alone: Bools) -> tuple[ReadingSets, int, int]:
+        """How many components decide, and of how many that have a width and enter one row."""
+        data = self._data
+        up, down = np.zeros((2, len(alone)), bool)
+        up[leaf], down[leaf] = g.lo[entry] >= 0.0, g.hi[entry] <= 0.0
+        up, down = up & alone, down & ~up & alone
+        found = IntervalArray(np.where(down, data.hi, data.lo), np.where(up, data.lo, data.hi))
+        wide = alone & (data.lo < data.hi)
+        places = ((digest, where - self.tape.program.given) for digest, where in self.tape.reading_slots.items())
+        sets = {digest: found[where] for digest, where in places if alone[where].any()}
+        return sets, int((wide & (up | down)).sum()), int(wide.sum())

@@ -378,7 +378,7 @@ class Incumbent:
 
     def cut(self, box: Box) -> Box:
         """Drop what is worse than it."""
-        return box.replace(self.objective, hi=min(float(box.hi[self.objective]), self.hi))
+        return box if box.hi[self.objective] <= self.hi else box.replace(self.objective, hi=self.hi)
 
     def closed(self, box: Box) -> bool:
         """Whether the box can raise the bracket's lower end no further than the gap asked for."""
