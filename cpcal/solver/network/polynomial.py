@@ -198,10 +198,10 @@ class Expander:
         if op == "sum":
             before, count = math.prod(x.shape[: node.parameter]), x.shape[node.parameter]
             if lo.shape[2] == 1:
-                lo, hi = (side.repeat(math.prod(x.shape), 2) for side in (lo, hi))
-            full = (len(lo), lo.shape[1] * before, count, -1)
+                lo, hi = (side.repeat(node.size * count, 2) for side in (lo, hi))
+            full = (len(lo), lo.shape[1] * before, count, node.size // before)
             lo, hi = coef.centred_sums((lo.reshape(full), hi.reshape(full)))
-            own = (len(lo), len(x.monomials), -1)
+            own = (len(lo), len(x.monomials), node.size)
             return x.monomials, (lo.reshape(own), hi.reshape(own))
         one, *other = [(arg.monomials, arg.of_elements(node.shape)) for arg in args]
         if op in ("add", "sub"):
