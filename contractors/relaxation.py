@@ -180,7 +180,8 @@ class CentredRows:
         """On a box with these terms of the shift: coefficients (M, K) of every u^beta, and a widening (K,): for all
         readings in their sets the row's value at u lies within the widening of `coefficients.T @ u^beta`.
         """
-        return _centred(self._mid, self._errors, self._beta, self._alpha, rounded[self._terms], self._gamma)
+        terms = rounded[self._terms]
+        return _centred(self._mid, self._errors, self._beta, self._alpha, terms, self._gamma)
 
 
 @compiled

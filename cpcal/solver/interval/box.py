@@ -37,6 +37,17 @@ class Variable(Protocol):
     def shape(self) -> Shape: ...
 
 
+def _once(name: str) -> cached_property[Floats]:
+    """What follows from the bounds of a box, made once and read-only: one pass over it asks for it several times."""
+
+    def made(box: HasBounds) -> Floats:
+        values: Floats = getattr(HasBounds, name).fget(box)
+        values.flags.writeable = False
+        return values
+
+    return cached_property(made)
+
+
 class Box(HasBounds):
     """A product of closed intervals with a name each. Bounds are float64, rounded outward where they come in.
 
@@ -45,6 +56,7 @@ class Box(HasBounds):
     """
 
     names: Names
+    mid, rad, width = map(_once, ("mid", "rad", "width"))
 
     def __init__(self, names: Sequence[str], lo: ArrayLike, hi: ArrayLike) -> None:
         """NaN in both bounds is an empty component. ModelError for lo > hi, bad or repeated names, bad shapes."""
@@ -138,18 +150,6 @@ class Box(HasBounds):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Box._raw, (self.names, self.lo, self.hi)
-
-    @cached_property  # one pass over a box asks for these several times
-    def mid(self) -> Floats:
-        return _read_only(super().mid)
-
-    @cached_property
-    def rad(self) -> Floats:
-        return _read_only(super().rad)
-
-    @cached_property
-    def width(self) -> Floats:
-        return _read_only(super().width)
 
     @property
     def array(self) -> IntervalArray:
@@ -276,11 +276,6 @@ class Box(HasBounds):
 
 
 Boxes: TypeAlias = tuple[Box, ...]
-
-
-def _read_only(values: Floats) -> Floats:
-    values.flags.writeable = False
-    return values
 
 
 def component_names(variable: Variable) -> Names:
