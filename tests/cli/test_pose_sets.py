@@ -21,8 +21,9 @@ from cpcal.robot import Pose
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.plate_and_camera import CameraRecord, save_camera, save_target
 from cpcal.vision.opencv import opencv
-from cpcal.vision.render import render
-from cpcal.vision.target import DELTALAB_TARGET, two_diagonals
+from cpcal.vision.render import Scene, render
+from cpcal.vision.target import DELTALAB_TARGET, target_from, two_diagonals
+from tests.vision.test_boards import CAMERA, photographed, seen_at
 
 SMALL = two_diagonals("small", (-70.0, -20.0, 15.0, 50.0, 70.0), (-70.0, 5.0, 55.0, 70.0), 110.0, 20.0, 4.0)
 
@@ -102,6 +103,20 @@ def test_from_images_to_checked_boxes_of_poses(place: tuple[Path, Pose], monkeyp
     assert status == 1
     assert "first: REFUSED" in said
     assert "sets.csv: REFUSED, first.png: its verdict and numbers are not those of a claim that is proved" in said
+
+
+@pytest.mark.parametrize(("text", "off"), [("charuco:6x5:30:20:4X4_50", "0.25"), ("grid:4x3:32:8:APRILTAG_36h11", "1")])
+def test_corners_of_a_board_are_within_five_deviations(text: str, off: str, tmp_path: Path) -> None:
+    target = target_from(text)
+    image = photographed(target, CAMERA, seen_at(420.0, 0.25, 0.1, 0.1, target=target), Scene())
+    (tmp_path / "images").mkdir()
+    opencv().imwrite(str(tmp_path / "images" / "board.png"), image)
+    save_camera(CAMERA, tmp_path / "camera.toml")
+    files = ("--target", text, "--camera", tmp_path / "camera.toml", "--camera-exact", "--plate-exact")
+    status, said = run("image", "sets", tmp_path / "images", *files, "-o", tmp_path / "sets", "--workers", "1")
+    assert status == 0, said
+    assert "Poses enclosed in 1 of 1 images" in said
+    assert f"the centre of each dot's image is within {off} px" in said
 
 
 def test_perfection_is_asked_for_by_name(place: tuple[Path, Pose]) -> None:

@@ -58,15 +58,12 @@ def test_what_is_no_image_has_a_reason(tmp_path):
 
 
 def test_a_name_that_is_no_utf8_can_be_written_and_leads_to_its_file(tmp_path):
-    for name in (b"\xff\xe9.png", b"a\\xe9.png", "é.png".encode()):
+    given = [b"\xff\xe9.png", b"a\\xe9.png", "é.png".encode()]
+    for name in given:
         (tmp_path / os.fsdecode(name)).write_bytes(name)
     names = image_files(tmp_path)
     assert names == [r"\xff\xe9.png", r"a\xe9.png", "é.png"]
-    assert [image_path(tmp_path, name).read_bytes() for name in names] == [
-        b"\xff\xe9.png",
-        b"a\\xe9.png",
-        "é.png".encode(),
-    ]
+    assert [image_path(tmp_path, name).read_bytes() for name in names] == given
 
 
 DEEP = 200_000  # brackets
@@ -130,15 +127,9 @@ def test_pipes_and_devices_are_no_images(no_file):
     assert [(row.file, row.reason) for row in found.rows] == [("image.png", "cannot be read: it is no regular file")]
 
 
-@pytest.fixture
-def one_image(tmp_path):
-    (tmp_path / "images").mkdir()
-    (tmp_path / "images" / "a.png").write_bytes(b"")
-    return ImageFolder(tmp_path / "images")
-
-
-def test_lines_that_no_journal_holds_are_dropped(tmp_path, one_image):
-    journal = tmp_path / "journal"
+def test_lines_that_no_journal_holds_are_dropped(tmp_path):
+    (tmp_path / "a.png").write_bytes(b"")
+    one_image, journal = ImageFolder(tmp_path), tmp_path / "journal"
     known = detect(one_image, DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=journal)
     head, line = journal.read_text().splitlines()
     row = json.loads(line)

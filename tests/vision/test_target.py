@@ -25,14 +25,13 @@ def problems(**changed):
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({"dots": np.zeros((3, 3))}, "two finite numbers"),
-        ({"dots": np.array([[0.0, np.nan]])}, "two finite numbers"),
-        ({"dots": np.zeros(4)}, "two finite numbers"),
-        ({"radius": 0.0}, "is 0"),
+        *(
+            ({"dots": dots}, "two finite numbers")
+            for dots in (np.zeros((3, 3)), np.array([[0.0, np.nan]]), np.zeros(4))
+        ),
+        *(({"radius": radius}, f"is {radius:g}") for radius in (0.0, np.nan, np.inf)),
         ({"dots": np.array([[0.0, 0.0], [9.0, 0.0], [0.0, 0.0]])}, "0 and 2 are in the same place"),
         ({"dots": np.array([[0.0, 0.0], [1e308, 0.0]])}, "no plate is so large"),
-        ({"radius": np.nan}, "is nan"),
-        ({"radius": np.inf}, "is inf"),
         ({"board": "acircles:7x11:10:8"}, "has not 5 dots"),
     ],
 )
