@@ -244,7 +244,7 @@ def _bent_center(
 # lenses of hand-eye studies -----------------------------------------------------------------------------------------
 
 LENSES = {"brown": 5, "rational": 8, "fisheye": 4}  # how many numbers each has
-_HALVINGS, _PIECES = 12, 500
+_HALVINGS = 12
 
 
 def distorted(model: str, given: Sequence[F], rays: Sequence[Vector]) -> list[list[Bounds]]:
@@ -258,7 +258,8 @@ def distorted(model: str, given: Sequence[F], rays: Sequence[Vector]) -> list[li
         n, m, q, turns = [ONE, *k], [ONE], [ZERO, ZERO], [_turn_of(s) for s in squares]
     else:
         n, m, q, turns = [ONE, *k[:2], k[4]], [ONE, *k[5:]], [k[3], k[2]], [(ONE, s) for s in squares]
-    _check_slopes(n, m, q, max((t for _, t in turns), key=lambda t: t.hi))
+    everywhere = Bounds(0, max(t.hi for _, t in turns))
+    _check_slopes(n, m, 6 * longest(q) * everywhere.root, everywhere)
     out = []
     for x, s, (h, t) in zip(rays, squares, turns, strict=True):
         factor = h * _polynomial(n, t)[0] / _polynomial(m, t)[0] + 2 * dot(q, x)
@@ -286,18 +287,20 @@ def _polynomial(coefficients: Vector, t: Bounds) -> tuple[Bounds, Bounds]:
     return value, slope
 
 
-def _check_slopes(n: Vector, m: Vector, q: Vector, where: Bounds) -> None:
+def _check_slopes(n: Vector, m: Vector, tangential: Bounds, t: Bounds, halvings: int = _HALVINGS) -> None:
     """The lens's symmetric Jacobian is positive definite for all t: in a disk of directions it moves no two to one
     place.
 
     Its radial part g = h n / m has the eigenvalues g and d(r g) / dr; g is a mean of those nearer to the axis. The
-    latter is n m + 2 t (n' m - n m') over m^2, for a fisheye over 1 + r^2. The tangential part's eigenvalues are at
-    least -6 |q| r.
+    latter is n m + 2 t (n' m - n m') over m^2, for a fisheye over 1 + r^2. The eigenvalues of the tangential part are
+    at least -6 |q| r.
     """
-    tangential = 6 * longest(q) * where.root
-    for k in range(_PIECES):
-        t = where * between(F(k, _PIECES), F(k + 1, _PIECES))
-        (a, a1), (b, b1) = _polynomial(n, t), _polynomial(m, t)
-        slope = a * b + 2 * (t * (a1 * b - a * b1)) - tangential * b.square
-        if min(b.lo, slope.lo) <= 0:
-            raise Refused("has a lens that may turn back before its farthest point", "proof")
+    (a, a1), (b, b1) = _polynomial(n, t), _polynomial(m, t)
+    slope = a * b + 2 * (t * (a1 * b - a * b1)) - tangential * b.square
+    if min(b.lo, slope.lo) > 0:
+        return
+    if not halvings:
+        raise Refused("has a lens that may turn back before its farthest point", "proof")
+    middle = t.middle.lo
+    for half in (Bounds(t.lo, middle), Bounds(middle, t.hi)):
+        _check_slopes(n, m, tangential, half, halvings - 1)

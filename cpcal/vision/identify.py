@@ -34,7 +34,7 @@ from scipy.spatial import cKDTree
 from scipy.special import bdtrc
 
 from cpcal.common.errors import CpcalError
-from cpcal.common.values import ArrayLike, ArrayPair, Bools, Floats, Ints, floats
+from cpcal.common.values import ArrayLike, ArrayPair, Bools, Floats, Ints, floats, norms
 from cpcal.robot import Pose, transformed
 from cpcal.solver.compiled import compiled
 from cpcal.vision.camera import Camera
@@ -538,7 +538,7 @@ def turned(
         aim = np.array(SIDES[first_row])
     all_ways = [found.numbers, *(image[found.numbers] for image in maps)]
     slopes = np.array([-_growth(target.dots[way], seen) for way in all_ways])
-    cosines = slopes @ aim / np.linalg.norm(slopes, axis=1) / np.linalg.norm(aim)
+    cosines = slopes @ aim / norms(slopes) / norms(aim)
     best = int(np.argmax(cosines))
     if cosines[best] < _AIMED:
         raise Unidentified("ambiguous: the first row of the target is not clearly where the hint says")

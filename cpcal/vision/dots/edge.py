@@ -171,6 +171,7 @@ _SMALL = 4.0  # pixels of radius: of a smaller dot no one can tell an ellipse fr
 _STEEPEST = 0.85  # growth of the light from a dot's centre to its edge: more of it is no light but half a dot
 _RIDGE, _LEAST = 1e-7, 1e-24  # of the normal matrix, relative to its diagonal; and the least diagonal
 _SOFT = 0.5  # of a spot's second moments: where a fit that failed begins again
+_LONGEST = np.array([0.3, 0.3, 0.5, 0.5, 0.5, np.inf, np.inf, 0.7, 0.3, 0.3, 0.2, 0.2])  # of a parameter's steps
 _SHRUNK = 0.7  # of a spot's area, at least: what of it is the dot's by its grey levels
 _EVEN = 0.1  # standard deviation of the parameters 8 and 9 before anything is seen: only motion makes them large
 
@@ -271,8 +272,7 @@ def _stepped(p: Floats, unit: float, used: int, count: int, matrix: Single, step
     if not solved(matrix, used, _RIDGE, _LEAST, matrix[-1], step) or not np.isfinite(step[:used]).all():
         return np.nan
     for i in range(used):
-        limit = 0.3 if i < 2 or 8 <= i < 10 else 0.5 if i < 5 else np.inf if i < 7 else 0.7 if i == 7 else 0.2
-        p[i] += min(max(step[i], -limit), limit)
+        p[i] += min(max(step[i], -_LONGEST[i]), _LONGEST[i])
     for i in range(8, PLAIN):
         p[i] = min(max(p[i], -0.65), 0.65)
     fine = p[2] > 0.0 and p[2] * p[4] - p[3] ** 2 > 1e-3 and max(p[2], p[4]) < 20.0
