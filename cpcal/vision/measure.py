@@ -182,10 +182,10 @@ def _coded(grey: Any, board: Board) -> tuple[Floats, Ints]:
         parameters = aruco.DetectorParameters()
         parameters.cornerRefinementMethod = aruco.CORNER_REFINE_SUBPIX
         corners, ids, _ = aruco.ArucoDetector(dictionary, parameters).detectMarkers(grey)
-    if ids is None or not len(ids):
+    if ids is None:
         return np.zeros((0, 2)), np.zeros(0, np.int64)
-    ids, centers = np.asarray(ids, np.int64).ravel(), floats(corners).reshape(-1, 2)
-    if board.kind == "charuco":
-        return centers, ids
-    mine = np.repeat(ids < board.columns * board.rows, 4)
-    return centers[mine], (4 * ids[:, None] + np.arange(4)).ravel()[mine]
+    numbers = np.asarray(ids, np.int64)
+    if board.kind == "grid":
+        numbers = 4 * numbers.reshape(-1, 1) + np.arange(4)
+    mine = numbers.ravel() < len(board.dots)
+    return floats(corners).reshape(-1, 2)[mine], numbers.ravel()[mine]

@@ -272,8 +272,9 @@ def refitted(image: object, dots: Dots, members: AnyArray) -> Dots:
         return dots
     edges = fitted_under(grey, found, gap, light, left)
     fine = ~np.isnan(edges.noise)
-    parts = {name: getattr(dots, name).copy() for name in ("centers", "covariance", "quality", "axes")}
-    for name, values in _measured(edges.kept(fine), noise_level(grey), dots.halvings).items():
+    measured = _measured(edges.kept(fine), noise_level(grey), dots.halvings)
+    parts = {name: getattr(dots, name).copy() for name in measured}
+    for name, values in measured.items():
         parts[name][members[fine]] = values
     return replace(dots, **parts)
 
