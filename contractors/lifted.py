@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from contractors.relaxation import Relaxation, Structure
-from cpcal.common.values import fill
+from cpcal.common import fill
 from cpcal.solver.contract import Composable, Contraction, StepWeights
 from cpcal.solver.existence.unique import reads
 from cpcal.solver.interval import Box, Floats, Indices, IntervalArray

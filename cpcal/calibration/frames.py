@@ -12,10 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpcal.calibration.fit import Fit, Noise, fit, robust_scale
-from cpcal.common.errors import InputError, unusable
-from cpcal.common.files import listed
-from cpcal.common.numbers import about, nearest
-from cpcal.common.values import Bools, Floats, Numbers
+from cpcal.common import Bools, Floats, InputError, Numbers, about, listed, nearest, unusable
 from cpcal.robot import (
     Campaign,
     KinematicsError,

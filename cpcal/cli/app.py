@@ -17,8 +17,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from cpcal.cli.verbs import Status, Talk, option, warn
-from cpcal.common.errors import CpcalError, InputError, Problem, printable
-from cpcal.common.version import __version__
+from cpcal.common import CpcalError, InputError, Problem, __version__, printable
 from cpcal.solver.compiled import QUIET
 from cpcal.solver.execution.stopping import Reason, Stopped, raising
 

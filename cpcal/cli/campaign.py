@@ -12,9 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cpcal.cli.verbs import FORCE, Status, Talk, argument, check_new, option, options, output, refuse_options
-from cpcal.common.errors import Problem, Problems, refuse, unusable
-from cpcal.common.files import write_file
-from cpcal.common.numbers import about, nearest
+from cpcal.common import Problem, Problems, about, nearest, refuse, unusable, write_file
 from cpcal.files import load_campaign, save_campaign, save_study, settings_template
 from cpcal.questions import check_data
 from cpcal.questions.log import FRAME_NOTES, load_log

@@ -25,8 +25,7 @@ from cpcal.cli.verbs import (
     refuse_options,
     warn,
 )
-from cpcal.common.errors import OutputError, printable
-from cpcal.common.numbers import stated
+from cpcal.common import OutputError, printable, stated
 from cpcal.files import load_campaign, save_campaign_json
 from cpcal.files.run_folder import RUN, locked
 from cpcal.models import LegModel

@@ -11,9 +11,7 @@ import numpy as np
 from cpcal.checker.files import STUDY_NAME
 from cpcal.cli.certify import show
 from cpcal.cli.verbs import FIRST_ROW, FORCE, Status, Talk, answer, argument, check_new, numbers_of, option, output
-from cpcal.common.errors import refuse, unusable
-from cpcal.common.files import listed
-from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, rounded_down, rounded_up
+from cpcal.common import at_least, at_most, bracket_text, listed, nearest, refuse, rounded_down, rounded_up, unusable
 from cpcal.files import load_study
 from cpcal.files.run_folder import HANDEYE, check_replaceable
 from cpcal.models.hand_eye import (

@@ -11,10 +11,7 @@ import numpy as np
 from cpcal.cli.certify import show
 from cpcal.cli.verbs import FIRST_ROW, TARGET_FILE, Status, Talk, argument, counted, option, output
 from cpcal.cli.verified import NUMBERS, TABLE, assumptions
-from cpcal.common.documents import csv_table
-from cpcal.common.errors import refuse, together, unusable
-from cpcal.common.files import unwritable, write_file
-from cpcal.common.numbers import about, at_most, nearest
+from cpcal.common import about, at_most, csv_table, nearest, refuse, together, unusable, unwritable, write_file
 from cpcal.files.folders import STUDY_NAME, study_bytes, table_bytes
 from cpcal.files.run_folder import POSE_SETS, answers_into
 from cpcal.files.tables import load_readings, readings_bytes

@@ -11,11 +11,19 @@ import typer
 
 from cpcal.cli.verbs import CAMPAIGN, FITS, RUN, TIMEOUT, Status, Talk, answer, argument, numbers_of, option, output
 from cpcal.cli.verify import checked_certificates, refusals, runs_in
-from cpcal.common.documents import toml_text
-from cpcal.common.errors import printable, unusable
-from cpcal.common.files import write_file
-from cpcal.common.numbers import at_least, bracket_text, rounded_down, rounded_up
-from cpcal.common.values import ArrayPair, Floats, Json
+from cpcal.common import (
+    ArrayPair,
+    Floats,
+    Json,
+    at_least,
+    bracket_text,
+    printable,
+    rounded_down,
+    rounded_up,
+    toml_text,
+    unusable,
+    write_file,
+)
 from cpcal.files import load_campaign, load_campaign_json, save_campaign_json
 from cpcal.files.run_folder import ACCURACY, HANDEYE
 from cpcal.files.tables import load_poses

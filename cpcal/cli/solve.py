@@ -4,9 +4,7 @@ from functools import partial
 from pathlib import Path
 
 from cpcal.cli.verbs import Status, Talk, Where, argument, check_writable, line, option, output
-from cpcal.common.errors import ClashError, CpcalError, printable, refuse
-from cpcal.common.files import write_file
-from cpcal.common.numbers import about, nearest, stated
+from cpcal.common import ClashError, CpcalError, about, nearest, printable, refuse, stated, write_file
 from cpcal.models import leg_model
 from cpcal.problems.problem import Answer, answer, load_problem, sol_bytes
 from cpcal.solver import plugins as registry

@@ -28,9 +28,7 @@ from cpcal.cli.verbs import (
     options,
     output,
 )
-from cpcal.common.errors import unusable
-from cpcal.common.files import unwritable, write_file
-from cpcal.common.numbers import stated
+from cpcal.common import stated, unusable, unwritable, write_file
 from cpcal.files import load_campaign, load_study, save_campaign, save_study
 from cpcal.models import PLAIN
 from cpcal.questions import (

@@ -15,10 +15,18 @@ from cpcal.checker import Refused
 from cpcal.checker.platform import check_accuracy
 from cpcal.checker.run import LegChecked, RobustChecked
 from cpcal.cli.claims import NothingCertifiedError, Statement, told
-from cpcal.common.documents import JSON_MAX, json_object, unguarded
-from cpcal.common.errors import InputError, PluginError, Problem
-from cpcal.common.files import small_file
-from cpcal.common.numbers import about, at_least, at_most
+from cpcal.common import (
+    JSON_MAX,
+    InputError,
+    PluginError,
+    Problem,
+    about,
+    at_least,
+    at_most,
+    json_object,
+    small_file,
+    unguarded,
+)
 from cpcal.files import load_campaign_json
 from cpcal.files.run_folder import unfinished
 from cpcal.models import leg_model

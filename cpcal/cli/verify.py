@@ -15,7 +15,7 @@ from cpcal.checker.files import POSE_SET_SUFFIX
 from cpcal.checker.run import RESULT_NAME, LegChecked, certificates_of, done, leg_checks
 from cpcal.cli.claims import VACUOUS, NothingCertifiedError, Statement, told
 from cpcal.cli.verbs import Status, Talk, argument, option
-from cpcal.common.errors import unusable
+from cpcal.common import unusable
 from cpcal.files.run_folder import ACCURACY, HANDEYE, RUN, unfinished
 from cpcal.solver.execution.executors import executor_for
 

@@ -21,11 +21,24 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common.documents import NUMBERS
-from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown, unusable
-from cpcal.common.files import TEXT_MAX, listed, small_file
-from cpcal.common.numbers import about
-from cpcal.common.values import ArrayLike, Floats, Names, Places, Texts
+from cpcal.common import (
+    NUMBERS,
+    TEXT_MAX,
+    YOUR_DATA,
+    ArrayLike,
+    Floats,
+    InputError,
+    Names,
+    Places,
+    Problem,
+    Problems,
+    Texts,
+    about,
+    listed,
+    shown,
+    small_file,
+    unusable,
+)
 from cpcal.files.folders import Settings, campaign_of_table, load_settings
 from cpcal.files.tables import QUATERNION, Table
 from cpcal.robot import EXACT_OR_NOT, ROBOTS, Campaign, Robot, known_robot

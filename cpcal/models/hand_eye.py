@@ -25,10 +25,30 @@ import numpy as np
 from cpcal.checker.files import STUDY_NAME
 from cpcal.checker.frames import GIVEN, unit
 from cpcal.checker.hand_eye import STUDY_FORMAT
-from cpcal.common.documents import KeyPath, TomlReader, csv_table, document, json_object, one_of, text
-from cpcal.common.errors import Problem, Problems, shown, unusable
-from cpcal.common.files import StrPath, write_folder
-from cpcal.common.values import Floats, Indices, Names, Numbers, Texts, Value, fill, floats, frozen_array
+from cpcal.common import (
+    Floats,
+    Indices,
+    KeyPath,
+    Names,
+    Numbers,
+    Problem,
+    Problems,
+    StrPath,
+    Texts,
+    TomlReader,
+    Value,
+    csv_table,
+    document,
+    fill,
+    floats,
+    frozen_array,
+    json_object,
+    one_of,
+    shown,
+    text,
+    unusable,
+    write_folder,
+)
 from cpcal.files.folders import existing_folder
 from cpcal.files.log import poses_of_log, read_log
 from cpcal.files.tables import Table, read_table

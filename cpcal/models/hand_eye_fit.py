@@ -12,10 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cpcal.checker.frames import GIVEN, unit
-from cpcal.common.errors import InputError, unusable
+from cpcal.common import Floats, InputError, nearest, norms, unusable
 from cpcal.common.least_squares import Blocks, Fit, least_squares
-from cpcal.common.numbers import nearest
-from cpcal.common.values import Floats, norms
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, Setup, read_poses
 from cpcal.robot import Pose, inverse, quaternion_from_matrix, quaternion_from_rotation_vector, rotation_matrix
 from cpcal.robot.kinematics import LEAST_SPREAD, axis_text, cross_matrix, nearest_rotation, world_hand_eye

@@ -20,12 +20,26 @@ import numpy as np
 
 from cpcal.checker.certificate import Given, polynomial
 from cpcal.checker.leg import Measurement, leg_problem
-from cpcal.common.codec import Informed, checked
-from cpcal.common.errors import InputError, ModelError, PluginError, Problem, unusable
+from cpcal.common import (
+    BACK,
+    FORTH,
+    ArrayLike,
+    Floats,
+    Informed,
+    InputError,
+    ModelError,
+    Names,
+    Places,
+    PluginError,
+    Problem,
+    checked,
+    floats,
+    nearest,
+    norms,
+    unusable,
+)
+from cpcal.common import stated as as_stated
 from cpcal.common.least_squares import least_squares
-from cpcal.common.numbers import nearest
-from cpcal.common.numbers import stated as as_stated
-from cpcal.common.values import BACK, FORTH, ArrayLike, Floats, Names, Places, floats, norms
 from cpcal.files import campaign_sha256
 from cpcal.robot import Campaign, LegEquations, leg_vectors
 from cpcal.robot.kinematics import rotation_numerators

@@ -23,8 +23,7 @@ import numpy as np
 
 from cpcal.checker.certificate import Given, polynomial, with_forms
 from cpcal.checker.platform import DIRECTION_BITS, Commanded, direction_form
-from cpcal.common.errors import unusable
-from cpcal.common.values import Floats, Places, floats
+from cpcal.common import Floats, Places, floats, unusable
 from cpcal.models import PLAIN, ModelResiduals, leg_box, leg_network, leg_statement, of_measurements
 from cpcal.robot import Campaign
 from cpcal.solver import plugins

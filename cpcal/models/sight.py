@@ -32,14 +32,13 @@ from cpcal.checker import FORMAT, Refused
 from cpcal.checker.readers import Json, up
 from cpcal.checker.rule import Box
 from cpcal.checker.sight import POSE_SET_FORMAT, Part, Rows, Sight, digest_of, joined, rows_of, sight_of
-from cpcal.common.errors import refuse, unusable
-from cpcal.common.files import StrPath, write_file
-from cpcal.common.values import (
+from cpcal.common import (
     ArrayLike,
     Floats,
     Indices,
     Names,
     Places,
+    StrPath,
     Value,
     all_finite,
     fill,
@@ -47,6 +46,9 @@ from cpcal.common.values import (
     freeze,
     frozen_array,
     norms,
+    refuse,
+    unusable,
+    write_file,
 )
 from cpcal.robot import Pose, normalised, quaternion_from_matrix, quaternion_product
 from cpcal.robot.kinematics import nearest_rotation

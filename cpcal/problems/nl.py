@@ -10,8 +10,7 @@ from functools import reduce
 
 import numpy as np
 
-from cpcal.common.errors import CpcalError, InputError, shown, unusable
-from cpcal.common.values import Floats, Pair
+from cpcal.common import CpcalError, Floats, InputError, Pair, shown, unusable
 from cpcal.problems.values import (
     StatedProblem,
     Value,

@@ -15,24 +15,29 @@ import numpy as np
 
 from cpcal.calibration import fit, mean_rotations
 from cpcal.checker.platform import COORDINATES, MOST_LEGS, Commanded, Leg, pose_bounds, stated
-from cpcal.common.codec import Document, Informed, checked
-from cpcal.common.errors import Problem, Problems, unusable
-from cpcal.common.files import StrPath
-from cpcal.common.numbers import about, bracket_text
-from cpcal.common.values import (
+from cpcal.common import (
+    Document,
     Floats,
     Indices,
+    Informed,
     Names,
     Numbers,
     Pair,
     Places,
+    Problem,
+    Problems,
     Quaternion,
+    StrPath,
     Vector,
+    __version__,
+    about,
     all_finite,
+    bracket_text,
+    checked,
     floats,
     norms,
+    unusable,
 )
-from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.models import PLAIN, beyond_legs
 from cpcal.models.frames import Tell, exact

@@ -11,9 +11,7 @@ from pathlib import Path
 from pickle import PicklingError
 from typing import TYPE_CHECKING, Any
 
-from cpcal.common.errors import InputError, unusable
-from cpcal.common.files import StrPath, write_file
-from cpcal.common.version import __version__
+from cpcal.common import InputError, StrPath, __version__, unusable, write_file
 from cpcal.files import campaign_sha256, save_campaign_json
 from cpcal.files.run_folder import RUN, answers_into
 from cpcal.models import LegModel

@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common.errors import InputError
-from cpcal.common.values import Floats, Places
+from cpcal.common import Floats, InputError, Places
 from cpcal.models import built_in, leg_box, leg_network, model_statement, of_measurements
 from cpcal.questions.question import Question
 from cpcal.questions.result import Uncertified

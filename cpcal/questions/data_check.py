@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.calibration.fit import robust_scale
-from cpcal.common.numbers import about
-from cpcal.common.values import Floats, Names, Numbers
+from cpcal.common import Floats, Names, Numbers, about
 from cpcal.models import PLAIN, LegModel, ModelResiduals, reading_moves
 from cpcal.questions.result import Determination
 from cpcal.robot import Campaign, LegEquations

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common.values import Floats, Indices, Names, Places
+from cpcal.common import Floats, Indices, Names, Places
 from cpcal.models import built_in, exactly_read, leg_box, model_statement, of_measurements
 from cpcal.questions.bracket import (
     Answered,

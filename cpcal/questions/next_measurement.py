@@ -11,9 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common.errors import unusable
-from cpcal.common.numbers import about, at_most, stated
-from cpcal.common.values import ArrayPair, Floats, Names, Numbers, Vector, norms
+from cpcal.common import ArrayPair, Floats, Names, Numbers, Vector, about, at_most, norms, stated, unusable
 from cpcal.models import PLAIN, ModelResiduals, reading_moves
 from cpcal.models.frames import Tell
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy

@@ -9,9 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cpcal.checker import Accepted
-from cpcal.common.errors import Problems, refuse, unusable
-from cpcal.common.files import StrPath
-from cpcal.common.values import ArrayLike, Names, Numbers, all_finite, floats
+from cpcal.common import ArrayLike, Names, Numbers, Problems, StrPath, all_finite, floats, refuse, unusable
 from cpcal.files import campaign_sha256
 from cpcal.files.folders import keep_beside
 from cpcal.files.run_folder import FITTED, answers_into

@@ -8,10 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common.codec import encoded
-from cpcal.common.errors import InputError, Problems, refuse
-from cpcal.common.values import Floats
-from cpcal.common.version import __version__
+from cpcal.common import Floats, InputError, Problems, __version__, encoded, refuse
 from cpcal.files import campaign_sha256
 from cpcal.models import (
     PLAIN,

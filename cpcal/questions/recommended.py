@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common.values import Floats, norms
+from cpcal.common import Floats, norms
 from cpcal.models import ModelResiduals, built_in, fit_model, leg_readings, leg_statement, reading_moves, reading_range
 from cpcal.questions.bracket import PreparedLeg, written
 from cpcal.questions.result import CONSTRAINED, LEAST_SQUARES, PassesFrom, Recommended, Reduced

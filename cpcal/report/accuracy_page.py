@@ -6,8 +6,7 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from cpcal.common.files import StrPath, listed
-from cpcal.common.numbers import about, at_least, at_most, nearest, stated
+from cpcal.common import StrPath, about, at_least, at_most, listed, nearest, stated
 from cpcal.models.platform import AXES
 from cpcal.questions.accuracy import FAR, Accuracy, WorkspaceAccuracy
 from cpcal.report.figures import DASHES, EDGE, INK, SUPPORT, Plot, Svg, rectangle

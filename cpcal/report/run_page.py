@@ -16,9 +16,9 @@ from urllib.parse import quote
 import numpy as np
 from markupsafe import Markup
 
-from cpcal.common.errors import unusable
-from cpcal.common.files import StrPath, write_file
-from cpcal.common.numbers import (
+from cpcal.common import (
+    ArrayPair,
+    StrPath,
     about,
     at_least,
     at_most,
@@ -29,8 +29,9 @@ from cpcal.common.numbers import (
     rounded_up,
     short,
     stated,
+    unusable,
+    write_file,
 )
-from cpcal.common.values import ArrayPair
 from cpcal.models import PLAIN, LegModel, model_residuals, reading_moves
 from cpcal.questions import INFORMATION, LegResult, Result, contractors_sentences, model_of, recommendation, verdict_of
 from cpcal.questions.result import check_campaign

@@ -13,9 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from markupsafe import Markup, escape
 
-from cpcal.common.errors import printable
-from cpcal.common.files import write_file
-from cpcal.common.version import __version__
+from cpcal.common import __version__, printable, write_file
 
 if TYPE_CHECKING:
     from jinja2 import Template

@@ -6,10 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common.errors import unusable
-from cpcal.common.files import StrPath
-from cpcal.common.numbers import about, bracket_text, nearest, stated
-from cpcal.common.values import Floats, Names
+from cpcal.common import Floats, Names, StrPath, about, bracket_text, nearest, stated, unusable
 from cpcal.models import PARAMETERS
 from cpcal.questions import Budget, CalibrationRecord, Result
 from cpcal.questions.points import Fits

@@ -11,8 +11,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common.errors import CpcalError, unusable
-from cpcal.common.values import TINY, ArrayLike, ArrayPair, Bools, ByValue, Floats, all_finite, floats, norms
+from cpcal.common import (
+    TINY,
+    ArrayLike,
+    ArrayPair,
+    Bools,
+    ByValue,
+    CpcalError,
+    Floats,
+    all_finite,
+    floats,
+    norms,
+    unusable,
+)
 from cpcal.robot.robot import Robot
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -24,8 +24,7 @@ import numpy as np
 from numpy.random import PCG64, SeedSequence
 from numpy.random import Generator as Stream
 
-from cpcal.common.errors import InputError, refuse
-from cpcal.common.values import LARGEST, ArrayLike, Floats, Pair, norms
+from cpcal.common import LARGEST, ArrayLike, Floats, InputError, Pair, norms, refuse
 from cpcal.robot import (
     DELTALAB,
     Campaign,

@@ -18,11 +18,7 @@ import numpy as np
 from flint import Ordering, fmpz_mpoly_ctx, fmpz_mpoly_vec
 
 from cpcal.checker.polynomial import Terms
-from cpcal.common import numbers
-from cpcal.common.errors import ModelError
-from cpcal.common.files import StrPath, listed
-from cpcal.common.numbers import stated
-from cpcal.common.values import ArrayLike, Floats, Names, all_finite
+from cpcal.common import ArrayLike, Floats, ModelError, Names, StrPath, all_finite, listed, numbers, stated
 from cpcal.solver import plugins
 from cpcal.solver.accounts import row_use
 from cpcal.solver.certificate.exact_network import ExactPolynomials, NotStated, network_statement

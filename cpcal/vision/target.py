@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cpcal.common.errors import refuse, unusable
-from cpcal.common.values import ArrayLike, Floats, Ints, Numbers, Value, floats, freeze, norms
+from cpcal.common import ArrayLike, Floats, Ints, Numbers, Value, floats, freeze, norms, refuse, unusable
 
 MOST_DOTS = 500  # what identification takes grows with the square, and with symmetries faster
 LARGEST = 1e6  # mm: of coordinates and radii

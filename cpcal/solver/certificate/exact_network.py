@@ -19,9 +19,7 @@ from cpcal.checker.certificate import Given, polynomial
 from cpcal.checker.polynomial import Form, constant
 from cpcal.checker.rule import SIDES, Constraint, Problem, Unknowns
 from cpcal.checker.rule import Box as ExactBox
-from cpcal.common.errors import ModelError
-from cpcal.common.files import listed
-from cpcal.common.values import AnyArray, Places
+from cpcal.common import AnyArray, ModelError, Places, listed
 from cpcal.solver.interval import Box
 from cpcal.solver.network.expression import Constraint as NetworkConstraint
 from cpcal.solver.network.expression import Expr, sqr

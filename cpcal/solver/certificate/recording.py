@@ -22,9 +22,7 @@ from cpcal.checker.files import WORK, Budget, Lines, leg_work
 from cpcal.checker.leg import POINT_WORK
 from cpcal.checker.rule import Box as ExactBox
 from cpcal.checker.rule import Problem, Unknowns
-from cpcal.common import errors
-from cpcal.common.errors import InputError
-from cpcal.common.files import StrPath, replacing
+from cpcal.common import InputError, StrPath, errors, replacing
 from cpcal.solver.accounts import ContractorUse
 from cpcal.solver.certificate.exact_network import Statement, exact_box, number
 from cpcal.solver.certificate.float_rows import at_point, failing, stretchings

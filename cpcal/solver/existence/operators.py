@@ -20,7 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cpcal.common.values import Floats, Indices, Ints
+from cpcal.common import Floats, Indices, Ints
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.interval.kernels import Arrays, Bounds, add, at, factor, meet, mul, neg, sub

@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common.errors import ModelError
-from cpcal.common.values import Bools, Floats, Indices, all_finite, floats
+from cpcal.common import Bools, Floats, Indices, ModelError, all_finite, floats
 from cpcal.solver.existence.operators import Equalities, inside, newton_all
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape, rows_tape

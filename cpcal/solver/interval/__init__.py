@@ -1,6 +1,6 @@
 """Values: intervals and boxes."""
 
-from cpcal.common.values import Bools, Floats, Indices
+from cpcal.common import Bools, Floats, Indices
 from cpcal.solver.interval.box import Box, Boxes
 from cpcal.solver.interval.numbers import Interval, IntervalArray
 

@@ -8,8 +8,7 @@ import math
 
 import numpy as np
 
-from cpcal.common.errors import RoundingError
-from cpcal.common.values import Floats, Places
+from cpcal.common import Floats, Places, RoundingError
 from cpcal.solver.compiled import compiled
 
 # ------------------------------------------------------------------------------------------------------------------

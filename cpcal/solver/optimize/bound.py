@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common.values import Floats, Indices, Names, Places, floats
+from cpcal.common import Floats, Indices, Names, Places, floats
 from cpcal.solver.accounts import ContractorUse, Found, RowUse, Uses, bracket_sentence, total_use
 from cpcal.solver.compiled import TimeUp, compiling_until
 from cpcal.solver.contract import Contraction, Limits, Named, Row, Step, Strategy, Verdict, shrunk

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common.values import Floats, Indices, all_finite, floats
+from cpcal.common import Floats, Indices, all_finite, floats
 from cpcal.solver.contract import Limits
 from cpcal.solver.existence.unique import reads
 from cpcal.solver.interval import Box

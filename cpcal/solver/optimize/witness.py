@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common.values import ArrayLike, Bools, Floats, Indices, Places, all_finite, floats
+from cpcal.common import ArrayLike, Bools, Floats, Indices, Places, all_finite, floats
 from cpcal.solver.existence.operators import Equalities
 from cpcal.solver.existence.unique import (
     ReadingConstraint,

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from cpcal.common.values import TINY, ArrayLike, Floats, Ints, floats
+from cpcal.common import TINY, ArrayLike, Floats, Ints, floats
 from cpcal.solver.accounts import ContractorUse, Uses
 from cpcal.solver.contract import (
     Contraction,

@@ -11,8 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from cpcal.common.values import Names
-from cpcal.common.version import __version__
+from cpcal.common import Names, __version__
 from cpcal.solver.contract import Clock
 from cpcal.solver.execution.checkpoint_file import Checkpoint, Line
 from cpcal.solver.execution.stopping import asked

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common.values import Indices, Names
+from cpcal.common import Indices, Names
 from cpcal.solver.accounts import Uses
 from cpcal.solver.contract import Contraction, Row
 from cpcal.solver.execution.checkpoint_file import Line

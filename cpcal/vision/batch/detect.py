@@ -22,12 +22,18 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from cpcal.common.codec import decoded, encoded
-from cpcal.common.documents import csv_table
-from cpcal.common.errors import unusable
-from cpcal.common.files import small_file, write_file
-from cpcal.common.values import Floats, Numbers, floats
-from cpcal.common.version import __version__
+from cpcal.common import (
+    Floats,
+    Numbers,
+    __version__,
+    csv_table,
+    decoded,
+    encoded,
+    floats,
+    small_file,
+    unusable,
+    write_file,
+)
 from cpcal.robot import Pose
 from cpcal.robot.units import AXES, POSE, SHARED_COLUMNS
 from cpcal.solver.execution.executors import Processes, executor_for, linear_algebra_on_one_thread, outcomes, while_used

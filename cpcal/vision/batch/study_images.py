@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common.errors import InputError, Problem, unusable
-from cpcal.common.values import ArrayLike, Names
+from cpcal.common import ArrayLike, InputError, Names, Problem, unusable
 from cpcal.robot import Pose, PoseTable, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.batch.detect import (
     POSITION,
