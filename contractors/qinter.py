@@ -23,8 +23,7 @@ import numpy as np
 from contractors.hc4 import HC4
 from cpcal.solver.contract import Composable, Contraction, Contractor, contracted, narrowed
 from cpcal.solver.interval import Bools, Box, Floats, IntervalArray
-from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.network.network import restricted
+from cpcal.solver.network import ConstraintNetwork, restricted
 
 
 class QInter(Composable):

@@ -15,8 +15,7 @@ import numpy as np
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import Bools, Box, Floats, Indices, IntervalArray
 from cpcal.solver.interval.kernels import Arrays
-from cpcal.solver.network import PolynomialSystem
-from cpcal.solver.network.polynomial import Monomial, Monomials
+from cpcal.solver.network import Monomial, Monomials, PolynomialSystem
 
 # ------------------------------------------------------------------------------------------------------------------
 # Monomials on a box: columns of linear programs, and the bound products between them.

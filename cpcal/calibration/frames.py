@@ -15,6 +15,7 @@ from cpcal.calibration.fit import Fit, Noise, fit, robust_scale
 from cpcal.common import Bools, Floats, InputError, Numbers, about, listed, nearest, unusable
 from cpcal.robot import (
     Campaign,
+    FrameCalibration,
     KinematicsError,
     LegEquations,
     Pose,
@@ -23,14 +24,16 @@ from cpcal.robot import (
     calibrate_frames,
     central_pose,
     compose,
+    cross_matrix,
+    forward_poses,
     inverse,
     inverse_kinematics,
+    nearest_rotation,
     quaternion_from_matrix,
     rotation_vector,
+    spread_of,
     transformed,
 )
-from cpcal.robot.kinematics import FrameCalibration, cross_matrix, forward_poses, nearest_rotation
-from cpcal.robot.mistakes import spread_of
 
 
 def redefined(robot: Robot, camera_in_base: Pose, target_in_mobile: Pose) -> Robot:

@@ -29,8 +29,7 @@ from cpcal.common import (
     refuse,
     unusable,
 )
-from cpcal.robot import Campaign, LegEquations, PoseTable, Robot, Uncertainty, turn_between
-from cpcal.robot.units import AXES, leg_columns
+from cpcal.robot import AXES, Campaign, LegEquations, PoseTable, Robot, Uncertainty, leg_columns, turn_between
 
 
 class Deviations(NamedTuple):

@@ -24,22 +24,21 @@ from cpcal.common import (
     unusable,
     write_file,
 )
-from cpcal.files import load_campaign, load_campaign_json, save_campaign_json
-from cpcal.files.run_folder import ACCURACY, HANDEYE
-from cpcal.files.tables import load_poses
+from cpcal.files import ACCURACY, HANDEYE, load_campaign, load_campaign_json, load_poses, save_campaign_json
 from cpcal.questions import (
     RECORD_NAME,
     CalibrationRecord,
+    HandEyeResult,
     LegResult,
     Result,
+    fits_of,
+    load_hand_eye_result,
     load_record,
     load_result,
     model_of,
     recommendation,
     verdict_of,
 )
-from cpcal.questions.hand_eye import HandEyeResult, load_hand_eye_result
-from cpcal.questions.points import fits_of
 from cpcal.report.run_page import REPORT_NAME, command, render
 from cpcal.report.study_page import StudyFound, render_study
 from cpcal.report.words import FRAME, fitted, overall
@@ -108,7 +107,7 @@ def report(
 
             write_hand_eye(load_hand_eye_result(run), file.parent, file.name)
         elif kind is ACCURACY:
-            from cpcal.questions.accuracy import load_accuracy
+            from cpcal.questions import load_accuracy
             from cpcal.report.accuracy_page import write_accuracy
 
             write_accuracy(load_accuracy(run), file.parent, file.name)

@@ -9,7 +9,7 @@ from cpcal.models import leg_model
 from cpcal.problems.problem import Answer, answer, load_problem, sol_bytes
 from cpcal.solver import plugins as registry
 from cpcal.solver.contract import Limits, Verdict
-from cpcal.solver.execution.stopping import asked, heard
+from cpcal.solver.execution import asked, heard
 
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal solve`: a problem that was written for another solver; all its solutions, or its best value, proved.

@@ -27,9 +27,8 @@ from rich.text import Text
 from typer.models import OptionInfo
 
 from cpcal.common import InputError, bracket_text, nearest, printable, refuse, unusable, unwritable
-from cpcal.files.run_folder import FolderKind, answers_into
-from cpcal.solver.execution.executors import Place, executor_for
-from cpcal.solver.execution.stopping import asked, heard
+from cpcal.files import FolderKind, answers_into
+from cpcal.solver.execution import Place, asked, executor_for, heard
 
 if TYPE_CHECKING:
     from cpcal.solver.optimize.bound import Bracket

@@ -27,8 +27,7 @@ from cpcal.common import (
     small_file,
     unguarded,
 )
-from cpcal.files import load_campaign_json
-from cpcal.files.run_folder import unfinished
+from cpcal.files import load_campaign_json, unfinished
 from cpcal.models import leg_model
 from cpcal.questions import (
     INFORMATION,
@@ -36,13 +35,12 @@ from cpcal.questions import (
     Result,
     Uncertified,
     contractors_sentences,
+    determination,
     load_result,
     verdict_of,
 )
-from cpcal.questions.data_check import determination
 from cpcal.report.words import notices, overall
-from cpcal.robot import Campaign
-from cpcal.robot.units import AXES, POSE
+from cpcal.robot import AXES, POSE, Campaign
 from cpcal.solver.contract import Verdict
 
 if TYPE_CHECKING:
@@ -180,7 +178,7 @@ def of_pose_sets(target: Path) -> Iterator[Statement]:
 
 def _table_problem(path: Path, found: Sequence[PoseSetChecked]) -> str:
     """What the table of a folder states that its claims do not; "" where both agree, number by number."""
-    from cpcal.models.sight import stem_of
+    from cpcal.models import stem_of
 
     content = small_file(path, "", most=JSON_MAX)
     claims = {}
@@ -201,7 +199,7 @@ def _table_problem(path: Path, found: Sequence[PoseSetChecked]) -> str:
 
 def assumptions(target: Path) -> list[str]:
     """What the claims of a folder, or one claim, assume of camera, plate and pixels."""
-    from cpcal.models.sight import SUFFIX
+    from cpcal.models import SUFFIX
 
     files = sorted(target.glob(f"*{SUFFIX}")) if target.is_dir() else [target]
     said = sorted({_assumed(json_object(file, "name a claim", "name a claim")) for file in files})

@@ -1,4 +1,11 @@
-from .codec import INFORMATION, Document, Informed, checked, decoded, encoded
+from .codec import (
+    INFORMATION,
+    Document,
+    Informed,
+    checked,
+    decoded,
+    encoded,
+)
 from .documents import (
     JSON_MAX,
     NUMBERS,
@@ -56,7 +63,18 @@ from .files import (
     write_file,
     write_folder,
 )
-from .numbers import about, at_least, at_most, bracket_text, gap_text, nearest, rounded_down, rounded_up, short, stated
+from .numbers import (
+    about,
+    at_least,
+    at_most,
+    bracket_text,
+    gap_text,
+    nearest,
+    rounded_down,
+    rounded_up,
+    short,
+    stated,
+)
 from .values import (
     BACK,
     FORTH,
@@ -90,7 +108,9 @@ from .values import (
     frozen_mapping,
     norms,
 )
-from .version import __version__
+from .version import (
+    __version__,
+)
 
 __all__ = [
     "BACK",

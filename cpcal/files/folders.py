@@ -40,10 +40,25 @@ from cpcal.common import (
     written,
 )
 from cpcal.files.tables import Table, read_table
-from cpcal.robot import EXACT_OR_NOT, ROBOTS, Campaign, ModelChoice, Pose, PoseTable, Robot, Study, Truth, Uncertainty
-from cpcal.robot.campaign import ARRAYS, QUATERNION_TOLERANCE, quaternion_problem
-from cpcal.robot.robot import KINDS
-from cpcal.robot.units import SHARED_COLUMNS, override_columns, reading_columns
+from cpcal.robot import (
+    ARRAYS,
+    EXACT_OR_NOT,
+    KINDS,
+    QUATERNION_TOLERANCE,
+    ROBOTS,
+    SHARED_COLUMNS,
+    Campaign,
+    ModelChoice,
+    Pose,
+    PoseTable,
+    Robot,
+    Study,
+    Truth,
+    Uncertainty,
+    override_columns,
+    quaternion_problem,
+    reading_columns,
+)
 
 # ------------------------------------------------------------------------------------------------------------------
 # Campaigns to files: canonical bytes, their digest, and writing that never leaves anything half-written.

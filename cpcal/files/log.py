@@ -41,18 +41,22 @@ from cpcal.common import (
 )
 from cpcal.files.folders import Settings, campaign_of_table, load_settings
 from cpcal.files.tables import QUATERNION, Table
-from cpcal.robot import EXACT_OR_NOT, ROBOTS, Campaign, Robot, known_robot
-from cpcal.robot.campaign import stated_uncertainty
-from cpcal.robot.units import (
+from cpcal.robot import (
     ANGLES,
+    EXACT_OR_NOT,
     FORMS,
     LENGTHS,
+    ROBOTS,
+    Campaign,
     ColumnSource,
+    Robot,
     RotationForm,
     column_map,
     columns_by_name,
+    known_robot,
     leg_columns,
     override_columns,
+    stated_uncertainty,
     units_of,
 )
 

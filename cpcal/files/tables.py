@@ -30,9 +30,16 @@ from cpcal.common import (
     unguarded,
     unusable,
 )
-from cpcal.robot import Pose, PoseTable
-from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
-from cpcal.robot.units import POSE, leg_columns, override_columns, reading_columns
+from cpcal.robot import (
+    POSE,
+    QUATERNION_TOLERANCE,
+    Pose,
+    PoseTable,
+    leg_columns,
+    override_columns,
+    quaternion_problem,
+    reading_columns,
+)
 
 Columns = Callable[[int], list[str]]  # their names, for n legs
 

@@ -49,13 +49,20 @@ from cpcal.common import (
     unusable,
     write_folder,
 )
-from cpcal.files.folders import existing_folder
-from cpcal.files.log import poses_of_log, read_log
-from cpcal.files.tables import Table, read_table
-from cpcal.robot import Pose, compose, inverse, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
-from cpcal.robot.campaign import SIMULATION
-from cpcal.robot.kinematics import normalised, small_rotation
-from cpcal.robot.units import AXES, POSE
+from cpcal.files import Table, existing_folder, poses_of_log, read_log, read_table
+from cpcal.robot import (
+    AXES,
+    POSE,
+    SIMULATION,
+    Pose,
+    compose,
+    inverse,
+    normalised,
+    quaternion_from_rotation_vector,
+    quaternion_product,
+    rotation_matrix,
+    small_rotation,
+)
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.plate_and_camera import camera_bytes, load_camera
 

@@ -27,12 +27,10 @@ from cpcal.common import Floats, Places, floats, unusable
 from cpcal.models import PLAIN, ModelResiduals, leg_box, leg_network, leg_statement, of_measurements
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
-from cpcal.solver.certificate.exact_network import exact_box, free, leg_sides
-from cpcal.solver.certificate.prover import WeightProver, write_steps
+from cpcal.solver.certificate import WeightProver, exact_box, free, leg_sides, write_steps
 from cpcal.solver.contract import Repeat, SupportFunction, givers, shrunk
 from cpcal.solver.interval import Box, IntervalArray
-from cpcal.solver.network import ConstraintNetwork, sqr
-from cpcal.solver.network.expression import as_expr
+from cpcal.solver.network import ConstraintNetwork, as_expr, sqr
 
 SIZE = 17  # of z
 _COLUMNS = np.r_[0:7, 8:18]  # of x, w and C in the network; eps stands between them

@@ -32,7 +32,7 @@ from cpcal.common import ArrayPair, Bools, Floats, crossed, norms, unusable
 from cpcal.models.leg import cross, rotations
 from cpcal.models.leg_set import CertifiedSet
 from cpcal.robot import Pose, Robot, leg_vectors, normalised, pose_jacobian, small_rotation
-from cpcal.solver.certificate.exact_network import free
+from cpcal.solver.certificate import free
 from cpcal.solver.contract import Contraction
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.interval.numbers import Intervals as Numbers

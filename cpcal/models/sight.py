@@ -50,10 +50,8 @@ from cpcal.common import (
     unusable,
     write_file,
 )
-from cpcal.robot import Pose, normalised, quaternion_from_matrix, quaternion_product
-from cpcal.robot.kinematics import nearest_rotation
-from cpcal.solver.certificate.exact_network import number
-from cpcal.solver.certificate.prover import Contracted, Descent, System, line, write_steps
+from cpcal.robot import Pose, nearest_rotation, normalised, quaternion_from_matrix, quaternion_product
+from cpcal.solver.certificate import Contracted, Descent, System, line, number, write_steps
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import IntervalArray
 from cpcal.vision.batch.detect import ImageFolder

@@ -12,7 +12,7 @@ from cpcal.common import InputError, ModelError, StrPath, at_most, bracket_text,
 from cpcal.problems.minibex import read_minibex
 from cpcal.problems.nl import read_nl
 from cpcal.problems.values import StatedProblem
-from cpcal.solver.certificate.recording import UncertifiedError
+from cpcal.solver.certificate import UncertifiedError
 from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.optimize.bound import Bracket, Minimum
 from cpcal.solver.search.paving import Paving

@@ -39,15 +39,29 @@ from cpcal.common import (
     unusable,
 )
 from cpcal.files import campaign_sha256
-from cpcal.models import PLAIN, beyond_legs
-from cpcal.models.frames import Tell, exact
-from cpcal.models.leg_set import AskedSet, CertifiedSet, certified_set, enclosed_leg
-from cpcal.models.platform import Cells, Workspace, cell_bounds, centered, cover, first_grid, pose_inverse, rotated
+from cpcal.models import (
+    PLAIN,
+    AskedSet,
+    Cells,
+    CertifiedSet,
+    Tell,
+    Workspace,
+    beyond_legs,
+    cell_bounds,
+    centered,
+    certified_set,
+    cover,
+    enclosed_leg,
+    exact,
+    first_grid,
+    pose_inverse,
+    rotated,
+)
 from cpcal.questions.next_measurement import NextPose, Polytope, attained, leg_changes, poses_to_measure
 from cpcal.questions.result import CampaignNote, Result
 from cpcal.questions.verdict import verdict_of
 from cpcal.robot import Campaign, Pose, Robot, inverse_kinematics, pose_jacobian, turn_between
-from cpcal.solver.certificate.exact_network import free
+from cpcal.solver.certificate import free
 
 # ------------------------------------------------------------------------------------------------------------------
 # The answer as plain values: what is assumed, what is proved, what is estimated, apart.

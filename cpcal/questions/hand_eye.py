@@ -43,14 +43,21 @@ from cpcal.common import (
     refuse,
     unusable,
 )
-from cpcal.models.frames import COARSE, PlacedFrames, Proof, Prover, Tell, exact
-from cpcal.models.hand_eye import HandEyeStudy, Known, load_study_json
-from cpcal.models.hand_eye_fit import (
+from cpcal.models import (
+    COARSE,
     FEWEST,
+    HandEyeStudy,
+    Known,
+    PlacedFrames,
+    Proof,
+    Prover,
+    Tell,
     best_frames,
     classical_answer,
+    exact,
     least_error,
     least_errors,
+    load_study_json,
     opencv_answers,
     stated_readings,
     trimmed_fit,

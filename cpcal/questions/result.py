@@ -27,7 +27,7 @@ from cpcal.common import (
     stated,
     unusable,
 )
-from cpcal.files.folders import CAMPAIGN_NAME, campaign_sha256, save_campaign_json
+from cpcal.files import CAMPAIGN_NAME, campaign_sha256, save_campaign_json
 from cpcal.models import BUILT_IN, PARAMETERS, PLAIN, LegModel, Parameter, leg_model, model_name_problem
 from cpcal.robot import Campaign
 from cpcal.solver.accounts import ContractorUse, Trial

@@ -18,11 +18,10 @@ from cpcal.common import (
     rounded_up,
     stated,
 )
-from cpcal.questions.hand_eye import PARAMETERS, HandEyeResult, KnownPoint, load_hand_eye_result
+from cpcal.questions import PARAMETERS, HandEyeResult, KnownPoint, load_hand_eye_result
 from cpcal.report.figures import residuals_svg
 from cpcal.report.section import Drawing, Mark, Page, Section, Table, origin, verdict
-from cpcal.robot import Pose, distances, normalised, transformed
-from cpcal.robot.campaign import titled
+from cpcal.robot import Pose, distances, normalised, titled, transformed
 
 HAND_EYE_PAGE = "handeye.html"
 BOTH = "exact", "uncertain"  # folders of the runs of one study: with exact poses, and with poses that may be off

@@ -33,8 +33,16 @@ from cpcal.common import (
     write_file,
 )
 from cpcal.models import PLAIN, LegModel, model_residuals, reading_moves
-from cpcal.questions import INFORMATION, LegResult, Result, contractors_sentences, model_of, recommendation, verdict_of
-from cpcal.questions.result import check_campaign
+from cpcal.questions import (
+    INFORMATION,
+    LegResult,
+    Result,
+    check_campaign,
+    contractors_sentences,
+    model_of,
+    recommendation,
+    verdict_of,
+)
 from cpcal.report.figures import MOST_POINTS, errors_svg, residuals_svg
 from cpcal.report.section import Drawing, Mark, Page, Proof, Section, Table, Words, origin, verdict
 from cpcal.report.words import (
@@ -53,8 +61,7 @@ from cpcal.report.words import (
     notices,
     overall,
 )
-from cpcal.robot import Campaign
-from cpcal.robot.mistakes import suspicions
+from cpcal.robot import Campaign, suspicions
 
 REPORT_NAME = "report.html"
 _HEAD = ("date", "operator", "serial")  # of the campaign's provenance, shown at the top of the page

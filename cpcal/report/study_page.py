@@ -8,10 +8,17 @@ import numpy as np
 
 from cpcal.common import Floats, Names, StrPath, about, bracket_text, nearest, stated, unusable
 from cpcal.models import PARAMETERS
-from cpcal.questions import Budget, CalibrationRecord, Result
-from cpcal.questions.points import Fits
-from cpcal.questions.result import check_campaign
-from cpcal.questions.study_calibration import Channel, Parameters, RepeatRecord, Rows
+from cpcal.questions import (
+    Budget,
+    CalibrationRecord,
+    Channel,
+    Fits,
+    Parameters,
+    RepeatRecord,
+    Result,
+    Rows,
+    check_campaign,
+)
 from cpcal.report.figures import DOT, ROOM, Svg, series
 from cpcal.report.run_page import render
 from cpcal.report.section import Drawing, Mark, Section, Table

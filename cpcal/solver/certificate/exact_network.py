@@ -21,11 +21,8 @@ from cpcal.checker.rule import SIDES, Constraint, Problem, Unknowns
 from cpcal.checker.rule import Box as ExactBox
 from cpcal.common import AnyArray, ModelError, Places, listed
 from cpcal.solver.interval import Box
-from cpcal.solver.network.expression import Constraint as NetworkConstraint
-from cpcal.solver.network.expression import Expr, sqr
-from cpcal.solver.network.forms import NotExact, exactly
-from cpcal.solver.network.network import ConstraintNetwork
-from cpcal.solver.network.polynomial import isolated
+from cpcal.solver.network import Constraint as NetworkConstraint
+from cpcal.solver.network import ConstraintNetwork, Expr, NotExact, exactly, isolated, sqr
 
 # ------------------------------------------------------------------------------------------------------------------
 # What a certificate is about, as the writer needs it: the exact problem, its first lines, and where weights go.

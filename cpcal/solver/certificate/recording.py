@@ -28,8 +28,7 @@ from cpcal.solver.certificate.exact_network import Statement, exact_box, number
 from cpcal.solver.certificate.float_rows import at_point, failing, stretchings
 from cpcal.solver.certificate.prover import Claims, WeightProver, claims, line, written
 from cpcal.solver.contract import Verdict
-from cpcal.solver.execution.checkpoint_file import Checkpoint, Line
-from cpcal.solver.execution.stopping import asked
+from cpcal.solver.execution import Checkpoint, Line, asked
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize.bound import Minimum, Saved
 from cpcal.solver.search.search import Event, EventKind

@@ -27,9 +27,16 @@ from cpcal.solver.existence.unique import (
     upper_ends,
 )
 from cpcal.solver.interval import Box, IntervalArray
-from cpcal.solver.network import Constraint, ConstraintNetwork, one_sided_rows, rows_tape
-from cpcal.solver.network.expression import topological
-from cpcal.solver.network.rows import DecisiveReadings, Rows, shared_tape
+from cpcal.solver.network import (
+    Constraint,
+    ConstraintNetwork,
+    DecisiveReadings,
+    Rows,
+    one_sided_rows,
+    rows_tape,
+    shared_tape,
+    topological,
+)
 
 # ------------------------------------------------------------------------------------------------------------------
 # The equations of a network, as a proof of a feasible point needs them: a solution exists near an approximate one.

@@ -29,10 +29,9 @@ from cpcal.solver.contract import (
     givers,
     shrunk,
 )
-from cpcal.solver.execution.executors import Place, Shared
+from cpcal.solver.execution import Place, Shared
 from cpcal.solver.interval import Box, Boxes, IntervalArray
-from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.network.rows import Rows
+from cpcal.solver.network import ConstraintNetwork, Rows
 from cpcal.solver.search.search import Decision, EventKind, Node, Piece, Record, difference
 
 

@@ -34,10 +34,18 @@ from cpcal.common import (
     unusable,
     write_file,
 )
-from cpcal.robot import Pose
-from cpcal.robot.units import AXES, POSE, SHARED_COLUMNS
-from cpcal.solver.execution.executors import Processes, executor_for, linear_algebra_on_one_thread, outcomes, while_used
-from cpcal.solver.execution.stopping import Reason, Stopped, asked, heard
+from cpcal.robot import AXES, POSE, SHARED_COLUMNS, Pose
+from cpcal.solver.execution import (
+    Processes,
+    Reason,
+    Stopped,
+    asked,
+    executor_for,
+    heard,
+    linear_algebra_on_one_thread,
+    outcomes,
+    while_used,
+)
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.image_file import image_files, image_path, read_image
 from cpcal.vision.files.plate_and_camera import CameraRecord, camera_bytes, target_bytes
