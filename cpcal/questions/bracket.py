@@ -24,7 +24,7 @@ from cpcal.solver.certificate import (
     claims,
     claims_of,
 )
-from cpcal.solver.contract import Contraction, Contractor, Limits, Verdict
+from cpcal.solver.contract import Contraction, Contractor, Limits, Named, Repeat, Verdict
 from cpcal.solver.execution import asked
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
@@ -48,6 +48,9 @@ def network_of(question: Question, leg: int, center: Floats, highest: float | No
         highest = max(longest, 0.0)
     domain = (0.0, highest) if eps is None else (eps, eps)
     return leg_network(question.campaign, leg, box, eps=domain, model=question.model)
+
+
+_AGAIN = 0.8  # share of a width below which another pass is worth while
 
 
 class PreparedLeg(NamedTuple):
@@ -78,10 +81,11 @@ class PreparedLeg(NamedTuple):
         return self.domain.replace("eps", lo=eps, hi=eps) if lo <= eps <= hi else Box.empty(self.domain.names)
 
     def alone(self, only: Places) -> "PreparedLeg":
-        """The same for some measurements, without a certificate."""
+        """The same for some measurements, without a certificate: no search need look at a box between two passes."""
         network = of_measurements(self.problem.network, only)
         named = plugins.build_each(network, self.question.options.contractors, objective="eps")
-        return self._replace(problem=Prepared(network, "eps"), named=named, only=only, statement=None)
+        again: list[Named] = [(name, Repeat(contractor, _AGAIN)) for name, contractor in named]
+        return self._replace(problem=Prepared(network, "eps"), named=again, only=only, statement=None)
 
     def stated(self, domain: Box) -> Statement | None:
         """What a certificate about a part of the domain would say; None where none is wanted, or there can be none."""

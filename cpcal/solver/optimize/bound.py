@@ -115,7 +115,7 @@ class Bounding:
         branch = branch._replace(rows=self.raising(step.steps) or branch.rows)
         pays = self._pays(before, step.box, was_closed) or self._pays(found_before, done.found, was_closed)
         # boxes that contraction closes alone need no other fit than the first
-        wanted = branch.fresh and not known.closed(step.box) and not (pays and known.served)
+        wanted = branch.fresh and not (step.box.is_empty or known.closed(step.box) or (pays and known.served))
         point = step.point
         if point is None and known.witness is None and not step.box.is_empty:
             point = step.box.mid  # no program says better where the objective has no bounds yet
