@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from cpcal.cli.verbs import FORCE, Status, Talk, argument, check_new, option, options, output, refuse_options
-from cpcal.common import Problem, Problems, about, nearest, refuse, unusable, write_file
+from cpcal.common import Json, Problem, Problems, about, nearest, refuse, unusable, write_file
 from cpcal.files import load_campaign, save_campaign, save_study, settings_template
 from cpcal.questions import FRAME_NOTES, check_data, load_log
 from cpcal.robot import (
@@ -138,7 +138,7 @@ def import_log(
     return Status.ANSWERED
 
 
-def _sigmas(text: str | None) -> dict[str, Any]:
+def _sigmas(text: str | None) -> Json:
     """What --sigma says, by the argument of `load_log`, in mm and rad. Raises InputError."""
     problems, sigmas = Problems(), {}
     for kind, source in column_map(text or "", KINDS).items():

@@ -4,15 +4,24 @@ from base64 import b64encode
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from cpcal.cli.certify import show
 from cpcal.cli.verbs import FIRST_ROW, TARGET_FILE, Status, Talk, argument, counted, option, output
 from cpcal.cli.verified import NUMBERS, TABLE, assumptions
-from cpcal.common import about, at_most, csv_table, nearest, refuse, together, unusable, unwritable, write_file
-from cpcal.files import POSE_SETS, STUDY_NAME, answers_into, load_readings, readings_bytes, study_bytes, table_bytes
+from cpcal.common import Json, about, at_most, csv_table, nearest, refuse, together, unusable, unwritable, write_file
+from cpcal.files import (
+    POSE_SETS,
+    STUDY_NAME,
+    answers_into,
+    existing_folder,
+    load_readings,
+    readings_bytes,
+    study_bytes,
+    table_bytes,
+)
 from cpcal.models import CameraSet, Enclosed, Enclosing, TargetSet, stem_of
 from cpcal.report.section import Drawing, Page, Picture, Section, Table, origin, verdict
 from cpcal.robot import SIMULATION, Robot, Study, titled
@@ -58,7 +67,7 @@ from cpcal.vision.target import DELTALAB_TARGET, TEXTS, Target
 # `cpcal simulate --study --render`: what an engineer would bring home: images, leg readings, target and camera.
 
 
-def write_shots(nominal: Robot, options: dict[str, Any], folder: Path) -> Study:
+def write_shots(nominal: Robot, options: Json, folder: Path) -> Study:
     """A simulated study: images instead of its tables of poses, which `cpcal image detect` makes. Raises InputError,
     MissingExtraError."""
     opencv()  # or nothing is begun
@@ -141,11 +150,10 @@ def target(
 
 def _names(folder: Path) -> list[str]:
     """Of the images in a folder. Raises InputError where there is none."""
-    names = list(ImageFolder(folder).names) if folder.is_dir() else []
+    remedy = "give a folder with images"
+    names = list(ImageFolder(existing_folder(folder, remedy)).names)
     if not names:
-        what = "is not a folder" if folder.exists() else "does not exist"
-        what = "holds no PNG, JPEG, TIFF or BMP files" if folder.is_dir() else what
-        raise unusable(str(folder), what, "give a folder with images")
+        raise unusable(str(folder), "holds no PNG, JPEG, TIFF or BMP files", remedy)
     return names
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import typer
 
@@ -28,7 +28,7 @@ from cpcal.cli.verbs import (
     options,
     output,
 )
-from cpcal.common import stated, unusable, unwritable, write_file
+from cpcal.common import Json, stated, unusable, unwritable, write_file
 from cpcal.files import load_campaign, load_study, save_campaign, save_study
 from cpcal.models import PLAIN
 from cpcal.questions import (
@@ -155,7 +155,7 @@ def demo(
     """
     check_new(folder, force=force or resume)
     (folder / REPORT_NAME).unlink(missing_ok=True)  # what is older must not stand beside newer results
-    given: dict[str, Any] = {"seed": seed, **PLAN.size, **IMPERFECT}
+    given: Json = {"seed": seed, **PLAN.size, **IMPERFECT}
     save_study(simulate_study(**given), folder / STUDY)
     how = ", ".join(f"{name.replace('_', ' ')} {stated(size)} mm" for name, size in IMPERFECT.items())
     talk.say(f"Study: {folder / STUDY} (simulated, seed {seed}; {how})")

@@ -18,6 +18,7 @@ from cpcal.cli.claims import NothingCertifiedError, Statement, told
 from cpcal.common import (
     JSON_MAX,
     InputError,
+    Json,
     PluginError,
     Problem,
     about,
@@ -206,7 +207,7 @@ def assumptions(target: Path) -> list[str]:
     return [f"Assumed, not proved: {sentence}" for sentence in said]
 
 
-def _assumed(claim: dict[str, Any]) -> str:
+def _assumed(claim: Json) -> str:
     """Floats that the claim holds, in print: they are given, and nothing is rounded to a side."""
     from cpcal.vision.camera import CAMERA_NUMBERS
 

@@ -14,7 +14,7 @@ from cpcal.problems.nl import read_nl
 from cpcal.problems.values import StatedProblem
 from cpcal.solver.certificate import UncertifiedError
 from cpcal.solver.contract import Limits, Verdict
-from cpcal.solver.optimize.bound import Bracket, Minimum
+from cpcal.solver.optimize.bound import Minimum, Progress
 from cpcal.solver.search.paving import Paving
 from cpcal.solver.search.search import Event
 
@@ -133,7 +133,7 @@ def answer(
     limits: Limits | None = None,
     certificate: StrPath | None = None,
     searched: Callable[[Event], None] | None = None,
-    bracketed: Callable[[Bracket], None] | None = None,
+    bracketed: Progress = None,
     **kept: Any,
 ) -> Answer:
     """Solve, or minimise, the problem; further options are those of `Network.solve` and `Network.minimize`.

@@ -28,7 +28,7 @@ from cpcal.solver.contract import Contraction, Contractor, Limits, Named, Repeat
 from cpcal.solver.execution import asked
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.optimize.bound import Bracket, Minimum, minimize, run
+from cpcal.solver.optimize.bound import Bracket, Minimum, Progress, minimize, run
 from cpcal.solver.optimize.timeout import TimeoutOutcome, ask, timeout
 from cpcal.solver.optimize.witness import Prepared, Witness
 from cpcal.solver.search.passes import Contracting, LargestFirst, Proof, StepProver
@@ -177,7 +177,7 @@ def searched(
     file: str | None = None,
     domain: Box | None = None,
     limits: Limits | None = None,
-    tell: Callable[[Bracket], None] | None = None,
+    tell: Progress = None,
     **how: Any,
 ) -> Answered:
     """Branch and bound on eps, by all contractors asked for; with a certificate, what weights prove is the answer.
@@ -235,7 +235,7 @@ def written(question: Question, file: str, recording: Recording, said: Claims) -
 _SMALL = 1e-3  # mm: a box this wide is a point to be tried
 
 
-def by_timeout(leg: PreparedLeg, start: Floats, tell: Callable[[Bracket], None] | None) -> Answered:
+def by_timeout(leg: PreparedLeg, start: Floats, tell: Progress) -> Answered:
     """The method, from eps_+ of the least-squares fit (or nominal values) and eps_- = 0. Ctrl-C ends it early.
 
     The certificate holds the best point and the proof of the last infeasible answer; its lower bound is that one's.

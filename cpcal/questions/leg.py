@@ -1,14 +1,13 @@
 """One leg: its bracket, few measurements that prove it, ranges of its parameters; with outliers."""
 
 import time
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common import Floats, Indices, Names, Places
+from cpcal.common import Floats, Indices, Json, Names, Places
 from cpcal.models import built_in, exactly_read, leg_box, model_statement, of_measurements
 from cpcal.questions.bracket import (
     Answered,
@@ -90,7 +89,7 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
     return result, stopped or asked() is not None
 
 
-def _leg_result(part: PreparedLeg, found: Minimum, proved: Mapping[str, Any], **others: Any) -> LegResult:
+def _leg_result(part: PreparedLeg, found: Minimum, proved: Json, **others: Any) -> LegResult:
     """What was found with the measurements of `part`, and what these say beside; `proved`: fields of the bracket."""
     question, center = part.question, part.center
     point = None if found.witness is None else found.witness.point[:-1]

@@ -10,11 +10,10 @@ point that was found. Where no point meets T, or none is given, the point is lea
 import math
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from cpcal.common import Floats, norms
+from cpcal.common import Floats, Json, norms
 from cpcal.models import ModelResiduals, built_in, fit_model, leg_readings, leg_statement, reading_moves, reading_range
 from cpcal.questions.bracket import PreparedLeg, written
 from cpcal.questions.result import CONSTRAINED, LEAST_SQUARES, PassesFrom, Recommended, Reduced
@@ -30,7 +29,7 @@ _NEAR, _ROUNDS = 64, 8  # rows that enter a program at a time; times that they e
 _PARTS = 1024  # the factor on the half-widths is a multiple of one of so many
 
 
-def conformity(part: PreparedLeg, lo: float) -> dict[str, Any]:
+def conformity(part: PreparedLeg, lo: float) -> Json:
     """The fields of `LegResult` that are of all readings of a leg, or of some of its measurements.
 
     No parameters satisfy its equations below `lo` for any readings.

@@ -15,16 +15,15 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.random import PCG64, SeedSequence
 from numpy.random import Generator as Stream
 
-from cpcal.common import LARGEST, ArrayLike, Floats, InputError, Pair, norms, refuse
+from cpcal.common import LARGEST, ArrayLike, Floats, InputError, Json, Pair, norms, refuse
 from cpcal.robot import (
     DELTALAB,
     SIMULATION,
@@ -63,7 +62,7 @@ _SIZES = ("noise", "pose_noise", "deviation", "joint_error", "factor", "axis_off
 _BOUNDS = {**_WHOLE, **dict.fromkeys(_SIZES, (0, LARGEST)), "gain": (0, 0.99), "truncate": (0.1, LARGEST)}
 
 
-def check_options(options: Mapping[str, Any], rows: Callable[[], int]) -> None:
+def check_options(options: Json, rows: Callable[[], int]) -> None:
     """InputError that names every option of a simulation without a meaning, and one of too many `rows`."""
     stroke, robot, wrong = options["stroke"], options["robot"], {}
     for name, value in options.items():
@@ -434,7 +433,7 @@ class Mechanisms:
         return not any(values.any() for values in active)
 
 
-def mechanisms_of(options: Mapping[str, Any]) -> Mechanisms:
+def mechanisms_of(options: Json) -> Mechanisms:
     """Of the options of a simulated study, which its provenance holds as JSON.
 
     First axes are level, in random directions; offsets and gains have the given size and a random sign. The draw does

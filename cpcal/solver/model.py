@@ -49,7 +49,7 @@ from cpcal.solver.network import (
     topological,
     with_products,
 )
-from cpcal.solver.optimize.bound import Bracket, Minimum, minimize, run
+from cpcal.solver.optimize.bound import Minimum, Progress, minimize, run
 from cpcal.solver.search.passes import STRATEGIES, Contracting, Divide
 from cpcal.solver.search.paving import Paving, Solution, conclusion
 from cpcal.solver.search.race import Contender, Race, checkpoint_of, raced
@@ -302,13 +302,14 @@ def _whole(terms: Terms, context: Any, size: int) -> Any:
 def _expression(polynomial: Any, unknowns: list[Expr]) -> Expr:
     """Divided by a power of two, so that no coefficient is above 1."""
     scale = 1 << max(int(c).bit_length() for c in polynomial.coeffs())
-    total = as_expr(0.0)
-    for exponents, coefficient in polynomial.to_dict().items():
-        term = as_expr(Fraction(int(coefficient), scale))
-        for k, power in enumerate(exponents):
-            term = term * unknowns[k] ** int(power) if power else term
-        total = total + term
-    return total
+    terms = (
+        math.prod(
+            (unknowns[k] ** int(power) for k, power in enumerate(exponents) if power),
+            start=as_expr(Fraction(int(coefficient), scale)),
+        )
+        for exponents, coefficient in polynomial.to_dict().items()
+    )
+    return sum(terms, as_expr(0.0))
 
 
 DEFAULT_CONTRACTORS = ("hc4", "lifted")
@@ -450,7 +451,7 @@ class Network(ConstraintNetwork):
         node_limit: int | None = None,
         gap: float | None = None,
         start: ArrayLike | None = None,
-        progress: Callable[[Bracket], None] | None = None,
+        progress: Progress = None,
         relax: float = 0.0,
         certificate: StrPath | None = None,
         about: str = "",

@@ -7,7 +7,7 @@ root with a constant factor. Readings, enclosures of constants and other operati
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from fractions import Fraction as F
 from functools import partial
 from typing import Any, NamedTuple
@@ -19,7 +19,7 @@ from cpcal.checker.certificate import Given, polynomial
 from cpcal.checker.polynomial import Form, constant
 from cpcal.checker.rule import SIDES, Constraint, Problem, Unknowns
 from cpcal.checker.rule import Box as ExactBox
-from cpcal.common import AnyArray, ModelError, Places, listed
+from cpcal.common import AnyArray, Json, ModelError, Places, listed
 from cpcal.solver.interval import Box
 from cpcal.solver.network import Constraint as NetworkConstraint
 from cpcal.solver.network import ConstraintNetwork, Expr, NotExact, exactly, isolated, sqr
@@ -63,7 +63,7 @@ class Statement(NamedTuple):
     """
 
     problem: Problem
-    head: Mapping[str, Any]
+    head: Json
     sides: Sides
     items: tuple[Stated, ...] = ()
 
@@ -72,7 +72,7 @@ class Statement(NamedTuple):
         side, numbers = self.sides[constraint, part]
         return side, numbers[element]
 
-    def header(self, domain: Box) -> Iterator[dict[str, Any]]:
+    def header(self, domain: Box) -> Iterator[Json]:
         """The first lines, for the box of all unknowns."""
         yield {**self.head, **limits(domain)}
         for c in self.items:

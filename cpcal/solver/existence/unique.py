@@ -254,18 +254,15 @@ class UniquenessProver:
         """The zero in `image` narrowed down, if the other constraints hold where it is."""
         narrow = self._narrowed(image)
         tight = self._domain.with_bounds(narrow.lo, narrow.hi)
-        if not tight.is_empty and not tight.subset(self._domain):
-            tight = self._at_the_end(tight)
+        if not tight.is_empty and not tight.subset(self._domain):  # then it is known on the boundary alone, as a point
+            lo, hi = self._domain.lo, self._domain.hi
+            point = np.where(tight.lo < lo, lo, np.where(tight.hi > hi, hi, np.clip(tight.mid, lo, hi)))
+            if point not in tight or not exactly_zero(self._network, self._equalities.roots, point):
+                return None
+            tight = tight.with_bounds(point, point)
         if tight.is_empty or not self._rest(tight):
             return None
         return Unique(tight, self._domain.with_bounds(region.lo, region.hi))
-
-    def _at_the_end(self, tight: Box) -> Box:
-        """The zero where it lies exactly on the boundary of the domain, as a point; empty where it is not known to."""
-        lo, hi = self._domain.lo, self._domain.hi
-        point = np.where(tight.lo < lo, lo, np.where(tight.hi > hi, hi, np.clip(tight.mid, lo, hi)))
-        zero = exactly_zero(self._network, self._equalities.roots, point)
-        return tight.with_bounds(point, point) if zero and point in tight else Box.empty(tight.names)
 
     def _inflated(self, x: IntervalArray) -> IntervalArray:
         """A little larger in every unknown."""

@@ -150,17 +150,16 @@ class Bounding:
         closed = known.closed(box)
         if pays and closed == was_closed and (self._enclose or not closed):
             return EventKind.CONTRACTED, (Piece(box, branch),)
-        pieces = () if known.settled(box) else self._pieces(box, branch, known)
-        return (EventKind.SPLIT, pieces) if pieces else (EventKind.KEPT, (Piece(box, branch),))
-
-    def _pieces(self, box: Box, branch: Branch, known: Incumbent) -> tuple[Piece, ...]:
-        """Pieces of the node's box, cut where what was found is cut; a fit may begin in the first of them."""
+        if known.settled(box):
+            return EventKind.KEPT, (Piece(box, branch),)
+        # cut where what was found is cut; a fit may begin in the first piece
         found = box if known.settled(branch.found) else branch.found
         cuts = divided(box, found, lambda part: self._strategy.split(part) or bisect(part, self._incumbent.objective))
-        return tuple(
+        pieces = tuple(
             Piece(piece, branch._replace(found=branch.found.intersect(piece), fresh=k == 0))
             for k, piece in enumerate(cuts)
         )
+        return (EventKind.SPLIT, pieces) if pieces else (EventKind.KEPT, (Piece(box, branch),))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -351,7 +350,7 @@ def _minimum(search: Search, incumbent: Incumbent, last: Bracket, tally: Tally, 
     )
 
 
-def run(states: Generator[Bracket | Minimum, None, None], progress: Callable[[Bracket], None] | None) -> Minimum:
+def run(states: Generator[Bracket | Minimum, None, None], progress: Progress) -> Minimum:
     """Run to the end, telling `progress` of every bracket; Ctrl-C, and a process that is asked to stop, end it with
     what is proved."""
     while True:
@@ -385,6 +384,9 @@ class Bracket:
     programs: int
     seconds: float
     pending: int = 0
+
+
+Progress = Callable[[Bracket], None] | None  # what is told of it meanwhile
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import replace
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
-from cpcal.common import TINY, ArrayLike, Floats, Ints, floats
+from cpcal.common import TINY, ArrayLike, Floats, Ints, Json, floats
 from cpcal.solver.accounts import ContractorUse, Uses
 from cpcal.solver.contract import (
     Contraction,
@@ -43,7 +43,7 @@ class Proof(NamedTuple):
 
     box: Box
     steps: tuple[Step, ...]
-    record: dict[str, Any] | None
+    record: Json | None
     complete: bool
 
 

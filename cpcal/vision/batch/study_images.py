@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common import ArrayLike, InputError, Names, Problem, unusable
+from cpcal.common import ArrayLike, Names, Problems, unusable
 from cpcal.robot import Pose, PoseTable, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.batch.detect import (
     POSITION,
@@ -115,14 +115,13 @@ def study_table(detections: Sequence[Detection], readings: Mapping[tuple[str, st
     file without readings, and for names that tell nothing.
     """
     found = [d for d in detections if d.found]
-    problems = []
+    problems = Problems()
     ids = [("", "", *PurePosixPath(d.file).with_suffix("").parts)[-3:] for d in found]
     for d, (pose, run, _) in zip(found, ids, strict=True):
         if (pose, run) not in readings:
             what = f"no leg readings are given for pose {pose!r}, run {run!r}"
-            problems.append(Problem(d.file, what, "name images POSE/RUN/IMAGE.png, as in the table of readings"))
-    if problems:
-        raise InputError(problems[:50], omitted=max(len(problems) - 50, 0))
+            problems.wrong(d.file, what, "name images POSE/RUN/IMAGE.png, as in the table of readings")
+    problems.raise_any()
     if not found:
         raise unusable("images", "none shows the target", "see the reasons in the table of poses")
     values = values_of(found)
