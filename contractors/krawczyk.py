@@ -55,7 +55,7 @@ class PolyhedralPrograms(Programs):
 
     def reached(self, variable: int, side: str, solution: LinearSolution) -> float:
         sign = 1.0 if side == "lo" else -1.0
-        return sign * self.lowest(self.unit(variable, sign), solution, float(self.box.rad[variable]))
+        return sign * self.lowest(sign * np.eye(self.size)[variable], solution, float(self.box.rad[variable]))
 
     def carriers(self, solution: LinearSolution) -> tuple[tuple[tuple[int, int], ...], None]:
         return tuple(dict.fromkeys((int(c), int(k)) for c, k in self._polyhedron.origin[solution.rows])), None

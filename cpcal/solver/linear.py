@@ -799,12 +799,6 @@ class Programs(ABC):
     def carriers(self, solution: LinearSolution) -> tuple[tuple[Row, ...], StepWeights | None]:
         """The rows that carry a proof, and their weights where these can be checked."""
 
-    def unit(self, variable: int, sign: float) -> Floats:
-        """The objective that is the coordinate of a variable, or its negative."""
-        objective = np.zeros(self.size)
-        objective[self.columns[variable]] = sign
-        return objective
-
     def bound(self, variable: int, side: str, solution: LinearSolution) -> Step | None:
         """What the multipliers prove of a bound, if that is better than the box's."""
         old, sign = (self.box.lo, 1.0) if side == "lo" else (self.box.hi, -1.0)

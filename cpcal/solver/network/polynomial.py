@@ -70,16 +70,12 @@ class PolynomialArray(NamedTuple):
 
     @property
     def is_constant(self) -> bool:
-        return all(m == () for m in self.monomials)
+        return not any(self.monomials)
 
     @property
     def constant(self) -> Arrays:
-        """The coefficient of 1 (1 + J, 1, E), which is zero where it is not listed."""
-        lo, hi = self.coefficients
-        if () not in self.monomials:
-            return np.zeros((1, 1, 1)), np.zeros((1, 1, 1))
-        place = [self.monomials.index(())]
-        return lo.take(place, 1), hi.take(place, 1)
+        """The one coefficient (1 + J, 1, E) of a constant, zero where it is not listed."""
+        return self.coefficients if self.monomials else (np.zeros((1, 1, 1)), np.zeros((1, 1, 1)))
 
     def of_elements(self, shape: Shape) -> Arrays:
         """The coefficients of the elements broadcast to a shape; of one where all are the same."""
@@ -193,8 +189,8 @@ class Expander:
         if op == "neg":
             return x.monomials, (-hi, -lo)
         if op == "index":
-            same = lo.shape[2] == 1
-            return x.monomials, (lo, hi) if same else (lo.take(node.places.ravel(), 2), hi.take(node.places.ravel(), 2))
+            places = node.places.ravel() % lo.shape[2]  # 0 where all are the same
+            return x.monomials, (lo.take(places, 2), hi.take(places, 2))
         if op == "sum":
             before, count = math.prod(x.shape[: node.parameter]), x.shape[node.parameter]
             if lo.shape[2] == 1:
@@ -235,8 +231,8 @@ def _product(x: Polynomial, y: Polynomial, count: int, square: bool = False) -> 
 
 def _over_readings(node: Expr, args: list[PolynomialArray]) -> Polynomial:
     """Any operation on constants, over all readings in their sets."""
-    known = [[side[0, 0] for side in coef.total(arg.constant)] for arg in args]
-    own = [IntervalArray(*v).broadcast_to((a.size,)).reshape(a.shape) for v, a in zip(known, node.args, strict=True)]
+    ranges = [IntervalArray(*coef.total(arg.constant)) for arg in args]
+    own = [v.broadcast_to((1, 1, a.size)).reshape(a.shape) for v, a in zip(ranges, node.args, strict=True)]
     values = own[0].apply(CODES[node.op], own[-1], node.parameter).reshape((1, 1, node.size))
     return ((),), (values.lo, values.hi)
 
