@@ -23,7 +23,8 @@ import numpy as np
 from contractors.hc4 import HC4
 from cpcal.solver.contract import Composable, Contraction, Contractor, contracted, narrowed
 from cpcal.solver.interval import Bools, Box, Floats, IntervalArray
-from cpcal.solver.network import ConstraintNetwork, restricted
+from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.network.network import restricted
 
 
 class QInter(Composable):

@@ -15,7 +15,8 @@ import numpy as np
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import Bools, Box, Floats, Indices, IntervalArray
 from cpcal.solver.interval.kernels import Arrays
-from cpcal.solver.network import Monomial, Monomials, PolynomialSystem
+from cpcal.solver.network import PolynomialSystem
+from cpcal.solver.network.polynomial import Monomial, Monomials
 
 # ------------------------------------------------------------------------------------------------------------------
 # Monomials on a box: columns of linear programs, and the bound products between them.

@@ -11,7 +11,7 @@ import pytest
 import cpcal
 
 HEAVY = {"flint", "jinja2", "matplotlib", "numpy", "scipy"}
-LAZY = ["", ".calibration", ".common", ".files", ".models", ".questions", ".report", ".robot", ".simulate"]
+LAZY = ["", ".calibration", ".files", ".models", ".questions", ".report", ".robot", ".simulate"]
 
 
 def interpreted(code, *, status=0):

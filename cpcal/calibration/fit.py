@@ -8,22 +8,10 @@ from typing import Literal
 
 import numpy as np
 
-from cpcal.common import (
-    ArrayLike,
-    Bools,
-    Floats,
-    Names,
-    Numbers,
-    Pair,
-    Places,
-    all_finite,
-    floats,
-    freeze,
-    listed,
-    refuse,
-    unusable,
-)
+from cpcal.common.errors import refuse, unusable
+from cpcal.common.files import listed
 from cpcal.common.least_squares import least_squares
+from cpcal.common.values import ArrayLike, Bools, Floats, Names, Numbers, Pair, Places, all_finite, floats, freeze
 from cpcal.robot import Campaign, LegEquations, Robot, distances, forward_poses
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -12,10 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpcal.calibration.fit import Fit, Noise, fit, robust_scale
-from cpcal.common import Bools, Floats, InputError, Numbers, about, listed, nearest, unusable
+from cpcal.common.errors import InputError, unusable
+from cpcal.common.files import listed
+from cpcal.common.numbers import about, nearest
+from cpcal.common.values import Bools, Floats, Numbers
 from cpcal.robot import (
     Campaign,
-    FrameCalibration,
     KinematicsError,
     LegEquations,
     Pose,
@@ -24,16 +26,14 @@ from cpcal.robot import (
     calibrate_frames,
     central_pose,
     compose,
-    cross_matrix,
-    forward_poses,
     inverse,
     inverse_kinematics,
-    nearest_rotation,
     quaternion_from_matrix,
     rotation_vector,
-    spread_of,
     transformed,
 )
+from cpcal.robot.kinematics import FrameCalibration, cross_matrix, forward_poses, nearest_rotation
+from cpcal.robot.mistakes import spread_of
 
 
 def redefined(robot: Robot, camera_in_base: Pose, target_in_mobile: Pose) -> Robot:

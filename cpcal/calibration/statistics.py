@@ -14,22 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.calibration.fit import Noise
-from cpcal.common import (
-    ArrayLike,
-    ArrayPair,
-    Bools,
-    Floats,
-    Ints,
-    Names,
-    Places,
-    Texts,
-    floats,
-    frozen_array,
-    listed,
-    refuse,
-    unusable,
-)
-from cpcal.robot import AXES, Campaign, LegEquations, PoseTable, Robot, Uncertainty, leg_columns, turn_between
+from cpcal.common.errors import refuse, unusable
+from cpcal.common.files import listed
+from cpcal.common.values import ArrayLike, ArrayPair, Bools, Floats, Ints, Names, Places, Texts, floats, frozen_array
+from cpcal.robot import Campaign, LegEquations, PoseTable, Robot, Uncertainty, turn_between
+from cpcal.robot.units import AXES, leg_columns
 
 
 class Deviations(NamedTuple):

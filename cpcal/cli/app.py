@@ -17,9 +17,10 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from cpcal.cli.verbs import Status, Talk, option, warn
-from cpcal.common import CpcalError, InputError, Problem, __version__, printable
+from cpcal.common.errors import CpcalError, InputError, Problem, printable
+from cpcal.common.version import __version__
 from cpcal.solver.compiled import QUIET
-from cpcal.solver.execution import Reason, Stopped, raising
+from cpcal.solver.execution.stopping import Reason, Stopped, raising
 
 # ------------------------------------------------------------------------------------------------------------------
 # How errors leave the program: one message on stderr and an exit status; never a traceback.

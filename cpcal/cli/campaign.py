@@ -12,24 +12,18 @@ from typing import Literal
 import numpy as np
 
 from cpcal.cli.verbs import FORCE, Status, Talk, argument, check_new, option, options, output, refuse_options
-from cpcal.common import Json, Problem, Problems, about, nearest, refuse, unusable, write_file
+from cpcal.common.errors import Problem, Problems, refuse, unusable
+from cpcal.common.files import write_file
+from cpcal.common.numbers import about, nearest
+from cpcal.common.values import Json
 from cpcal.files import load_campaign, save_campaign, save_study, settings_template
-from cpcal.questions import FRAME_NOTES, check_data, load_log
-from cpcal.robot import (
-    ANGLES,
-    AXES,
-    KINDS,
-    LENGTHS,
-    ROBOTS,
-    Campaign,
-    Given,
-    column_map,
-    known_robot,
-    leg_columns,
-    mixed_up,
-    rotation_vector,
-    spread_of,
-)
+from cpcal.questions import check_data
+from cpcal.questions.log import FRAME_NOTES, load_log
+from cpcal.robot import ROBOTS, Campaign, known_robot, rotation_vector
+from cpcal.robot.campaign import Given
+from cpcal.robot.mistakes import mixed_up, spread_of
+from cpcal.robot.robot import KINDS
+from cpcal.robot.units import ANGLES, AXES, LENGTHS, column_map, leg_columns
 from cpcal.simulate import simulate as simulate_campaign
 from cpcal.simulate import simulate_study
 

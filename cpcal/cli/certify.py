@@ -25,10 +25,14 @@ from cpcal.cli.verbs import (
     refuse_options,
     warn,
 )
-from cpcal.common import OutputError, printable, stated
-from cpcal.files import RUN, load_campaign, locked, save_campaign_json
+from cpcal.common.errors import OutputError, printable
+from cpcal.common.numbers import stated
+from cpcal.files import load_campaign, save_campaign_json
+from cpcal.files.run_folder import RUN, locked
 from cpcal.models import LegModel
-from cpcal.questions import HERE, Question, Result, answered, comparison, question_of, save_result, verdict_of
+from cpcal.questions import Result, save_result, verdict_of
+from cpcal.questions.ask import HERE, answered
+from cpcal.questions.question import Question, comparison, question_of
 from cpcal.report import (
     FRAME,
     LONGER,
@@ -44,9 +48,12 @@ from cpcal.report import (
 from cpcal.report.run_page import advice, answer_section, comparison_section, passing, write_comparison
 from cpcal.report.section import Mark, Section, Table, Words
 from cpcal.report.words import SHORT_QUANTIFIER, overall, uncertified_legs
-from cpcal.robot import Campaign, suspicions
+from cpcal.robot import Campaign
+from cpcal.robot.mistakes import suspicions
 from cpcal.solver.contract import Verdict
-from cpcal.solver.execution import FOLDER, Checkpoints, LostWorkerError, Place, Reason, Stopped, asked, give_up
+from cpcal.solver.execution.checkpoint_file import FOLDER, Checkpoints
+from cpcal.solver.execution.executors import LostWorkerError, Place
+from cpcal.solver.execution.stopping import Reason, Stopped, asked, give_up
 
 
 def warned(campaign: Campaign) -> Campaign:

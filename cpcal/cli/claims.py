@@ -4,7 +4,8 @@ from collections.abc import Callable
 from fractions import Fraction as F
 
 from cpcal.checker import Accepted
-from cpcal.common import InputError, at_least, at_most, bracket_text, gap_text, printable, short
+from cpcal.common.errors import InputError, printable
+from cpcal.common.numbers import at_least, at_most, bracket_text, gap_text, short
 
 Statement = tuple[bool, str]  # whether it is accepted, and a sentence
 

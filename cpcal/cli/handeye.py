@@ -11,26 +11,32 @@ import numpy as np
 from cpcal.checker.files import STUDY_NAME
 from cpcal.cli.certify import show
 from cpcal.cli.verbs import FIRST_ROW, FORCE, Status, Talk, answer, argument, check_new, numbers_of, option, output
-from cpcal.common import at_least, at_most, bracket_text, listed, nearest, refuse, rounded_down, rounded_up, unusable
-from cpcal.files import HANDEYE, check_replaceable, load_study
-from cpcal.models import (
+from cpcal.common.errors import refuse, unusable
+from cpcal.common.files import listed
+from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, rounded_down, rounded_up
+from cpcal.files import load_study
+from cpcal.files.run_folder import HANDEYE, check_replaceable
+from cpcal.models.hand_eye import (
     HandEyeStudy,
     Setup,
     load_hand_eye,
     load_hand_poses,
+    save_hand_eye,
+    simulate_hand_eye,
+    study_json,
+)
+from cpcal.models.hand_eye_sources import (
     other_direction,
     photo_names,
     platform_poses,
     read_pose_pairs,
-    save_hand_eye,
-    simulate_hand_eye,
-    study_json,
     study_of_pairs,
     study_of_photos,
     study_of_robot,
     with_half_widths,
 )
-from cpcal.questions import (
+from cpcal.questions import load_result
+from cpcal.questions.hand_eye import (
     GAP,
     JOINTS,
     HandEyeResult,
@@ -38,10 +44,9 @@ from cpcal.questions import (
     certify_hand_eye,
     legs_in_frames,
     load_hand_eye_result,
-    load_result,
-    next_images,
     save_hand_eye_result,
 )
+from cpcal.questions.next_measurement import next_images
 from cpcal.report.hand_eye_page import (
     BOTH,
     HAND_EYE_PAGE,
@@ -53,7 +58,7 @@ from cpcal.report.hand_eye_page import (
     write_both,
     write_hand_eye,
 )
-from cpcal.robot import CONTROLLERS
+from cpcal.robot.units import CONTROLLERS
 from cpcal.vision.batch.detect import hinted
 from cpcal.vision.files.plate_and_camera import load_camera, load_target
 from cpcal.vision.target import TEXTS

@@ -11,23 +11,21 @@ import numpy as np
 from cpcal.cli.certify import show
 from cpcal.cli.verbs import FIRST_ROW, TARGET_FILE, Status, Talk, argument, counted, option, output
 from cpcal.cli.verified import NUMBERS, TABLE, assumptions
-from cpcal.common import Json, about, at_most, csv_table, nearest, refuse, together, unusable, unwritable, write_file
-from cpcal.files import (
-    POSE_SETS,
-    STUDY_NAME,
-    answers_into,
-    existing_folder,
-    load_readings,
-    readings_bytes,
-    study_bytes,
-    table_bytes,
-)
-from cpcal.models import CameraSet, Enclosed, Enclosing, TargetSet, stem_of
+from cpcal.common.documents import csv_table
+from cpcal.common.errors import refuse, together, unusable
+from cpcal.common.files import unwritable, write_file
+from cpcal.common.numbers import about, at_most, nearest
+from cpcal.common.values import Json
+from cpcal.files.folders import STUDY_NAME, existing_folder, study_bytes, table_bytes
+from cpcal.files.run_folder import POSE_SETS, answers_into
+from cpcal.files.tables import load_readings, readings_bytes
+from cpcal.models.sight import CameraSet, Enclosed, Enclosing, TargetSet, stem_of
 from cpcal.report.section import Drawing, Page, Picture, Section, Table, origin, verdict
-from cpcal.robot import SIMULATION, Robot, Study, titled
+from cpcal.robot import Robot, Study
+from cpcal.robot.campaign import SIMULATION, titled
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
-from cpcal.solver.execution import heard
+from cpcal.solver.execution.stopping import heard
 from cpcal.vision.batch.detect import (
     FALSE,
     MISSING,

@@ -11,34 +11,27 @@ import typer
 
 from cpcal.cli.verbs import CAMPAIGN, FITS, RUN, TIMEOUT, Status, Talk, answer, argument, numbers_of, option, output
 from cpcal.cli.verify import checked_certificates, refusals, runs_in
-from cpcal.common import (
-    ArrayPair,
-    Floats,
-    Json,
-    at_least,
-    bracket_text,
-    printable,
-    rounded_down,
-    rounded_up,
-    toml_text,
-    unusable,
-    write_file,
-)
-from cpcal.files import ACCURACY, HANDEYE, load_campaign, load_campaign_json, load_poses, save_campaign_json
+from cpcal.common.documents import toml_text
+from cpcal.common.errors import printable, unusable
+from cpcal.common.files import write_file
+from cpcal.common.numbers import at_least, bracket_text, rounded_down, rounded_up
+from cpcal.common.values import ArrayPair, Floats, Json
+from cpcal.files import load_campaign, load_campaign_json, save_campaign_json
+from cpcal.files.run_folder import ACCURACY, HANDEYE
+from cpcal.files.tables import load_poses
 from cpcal.questions import (
     RECORD_NAME,
     CalibrationRecord,
-    HandEyeResult,
     LegResult,
     Result,
-    fits_of,
-    load_hand_eye_result,
     load_record,
     load_result,
     model_of,
     recommendation,
     verdict_of,
 )
+from cpcal.questions.hand_eye import HandEyeResult, load_hand_eye_result
+from cpcal.questions.points import fits_of
 from cpcal.report.run_page import REPORT_NAME, command, render
 from cpcal.report.study_page import StudyFound, render_study
 from cpcal.report.words import FRAME, fitted, overall
@@ -107,7 +100,7 @@ def report(
 
             write_hand_eye(load_hand_eye_result(run), file.parent, file.name)
         elif kind is ACCURACY:
-            from cpcal.questions import load_accuracy
+            from cpcal.questions.accuracy import load_accuracy
             from cpcal.report.accuracy_page import write_accuracy
 
             write_accuracy(load_accuracy(run), file.parent, file.name)

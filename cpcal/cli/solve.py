@@ -4,12 +4,14 @@ from functools import partial
 from pathlib import Path
 
 from cpcal.cli.verbs import Status, Talk, Where, argument, check_writable, line, option, output
-from cpcal.common import ClashError, CpcalError, about, nearest, printable, refuse, stated, write_file
+from cpcal.common.errors import ClashError, CpcalError, printable, refuse
+from cpcal.common.files import write_file
+from cpcal.common.numbers import about, nearest, stated
 from cpcal.models import leg_model
 from cpcal.problems.problem import Answer, answer, load_problem, sol_bytes
 from cpcal.solver import plugins as registry
 from cpcal.solver.contract import Limits, Verdict
-from cpcal.solver.execution import asked, heard
+from cpcal.solver.execution.stopping import asked, heard
 
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal solve`: a problem that was written for another solver; all its solutions, or its best value, proved.

@@ -28,7 +28,10 @@ from cpcal.cli.verbs import (
     options,
     output,
 )
-from cpcal.common import Json, stated, unusable, unwritable, write_file
+from cpcal.common.errors import unusable
+from cpcal.common.files import unwritable, write_file
+from cpcal.common.numbers import stated
+from cpcal.common.values import Json
 from cpcal.files import load_campaign, load_study, save_campaign, save_study
 from cpcal.models import PLAIN
 from cpcal.questions import (
@@ -40,18 +43,18 @@ from cpcal.questions import (
     budget,
     calibrate_study,
     certify,
-    certify_fits,
-    question_of,
     save_record,
     save_result,
 )
+from cpcal.questions.points import certify_fits
+from cpcal.questions.question import question_of
 from cpcal.report.run_page import REPORT_NAME
 from cpcal.report.section import Section
 from cpcal.report.study_page import COMPARED, PAPERS_WAY, calibration, render_study, solutions, summary
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
-from cpcal.solver.execution import heard
+from cpcal.solver.execution.stopping import heard
 
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal calibrate`: statistics, frames, least squares and validation, in tables and files.

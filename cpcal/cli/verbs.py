@@ -26,9 +26,12 @@ from rich.console import Console
 from rich.text import Text
 from typer.models import OptionInfo
 
-from cpcal.common import InputError, bracket_text, nearest, printable, refuse, unusable, unwritable
-from cpcal.files import FolderKind, answers_into
-from cpcal.solver.execution import Place, asked, executor_for, heard
+from cpcal.common.errors import InputError, printable, refuse, unusable
+from cpcal.common.files import unwritable
+from cpcal.common.numbers import bracket_text, nearest
+from cpcal.files.run_folder import FolderKind, answers_into
+from cpcal.solver.execution.executors import Place, executor_for
+from cpcal.solver.execution.stopping import asked, heard
 
 if TYPE_CHECKING:
     from cpcal.solver.optimize.bound import Bracket

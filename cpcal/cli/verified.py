@@ -15,20 +15,13 @@ from cpcal.checker import Refused
 from cpcal.checker.platform import check_accuracy
 from cpcal.checker.run import LegChecked, RobustChecked
 from cpcal.cli.claims import NothingCertifiedError, Statement, told
-from cpcal.common import (
-    JSON_MAX,
-    InputError,
-    Json,
-    PluginError,
-    Problem,
-    about,
-    at_least,
-    at_most,
-    json_object,
-    small_file,
-    unguarded,
-)
-from cpcal.files import load_campaign_json, unfinished
+from cpcal.common.documents import JSON_MAX, json_object, unguarded
+from cpcal.common.errors import InputError, PluginError, Problem
+from cpcal.common.files import small_file
+from cpcal.common.numbers import about, at_least, at_most
+from cpcal.common.values import Json
+from cpcal.files import load_campaign_json
+from cpcal.files.run_folder import unfinished
 from cpcal.models import leg_model
 from cpcal.questions import (
     INFORMATION,
@@ -36,12 +29,13 @@ from cpcal.questions import (
     Result,
     Uncertified,
     contractors_sentences,
-    determination,
     load_result,
     verdict_of,
 )
+from cpcal.questions.data_check import determination
 from cpcal.report.words import notices, overall
-from cpcal.robot import AXES, POSE, Campaign
+from cpcal.robot import Campaign
+from cpcal.robot.units import AXES, POSE
 from cpcal.solver.contract import Verdict
 
 if TYPE_CHECKING:
@@ -179,7 +173,7 @@ def of_pose_sets(target: Path) -> Iterator[Statement]:
 
 def _table_problem(path: Path, found: Sequence[PoseSetChecked]) -> str:
     """What the table of a folder states that its claims do not; "" where both agree, number by number."""
-    from cpcal.models import stem_of
+    from cpcal.models.sight import stem_of
 
     content = small_file(path, "", most=JSON_MAX)
     claims = {}
@@ -200,7 +194,7 @@ def _table_problem(path: Path, found: Sequence[PoseSetChecked]) -> str:
 
 def assumptions(target: Path) -> list[str]:
     """What the claims of a folder, or one claim, assume of camera, plate and pixels."""
-    from cpcal.models import SUFFIX
+    from cpcal.models.sight import SUFFIX
 
     files = sorted(target.glob(f"*{SUFFIX}")) if target.is_dir() else [target]
     said = sorted({_assumed(json_object(file, "name a claim", "name a claim")) for file in files})

@@ -15,9 +15,9 @@ from cpcal.checker.files import POSE_SET_SUFFIX
 from cpcal.checker.run import RESULT_NAME, LegChecked, certificates_of, done, leg_checks
 from cpcal.cli.claims import VACUOUS, NothingCertifiedError, Statement, told
 from cpcal.cli.verbs import Status, Talk, argument, option
-from cpcal.common import unusable
-from cpcal.files import ACCURACY, HANDEYE, RUN, unfinished
-from cpcal.solver.execution import executor_for
+from cpcal.common.errors import unusable
+from cpcal.files.run_folder import ACCURACY, HANDEYE, RUN, unfinished
+from cpcal.solver.execution.executors import executor_for
 
 T = TypeVar("T")
 _NAME = "name the folder of a run, or a certificate"
@@ -158,7 +158,7 @@ def runs_in(folder: Path) -> list[Path]:
 def _other_campaign(target: Path, campaign: Path) -> Iterator[Statement]:
     """Whether the run's campaign, or hand-eye study, is another than the one in the folder. Raises InputError."""
     if runs := [run for run in (target, *runs_in(target)) if (run / HANDEYE.head).exists()]:
-        from cpcal.models import load_hand_eye, load_study_json
+        from cpcal.models.hand_eye import load_hand_eye, load_study_json
 
         studies = [load_hand_eye(campaign), *map(load_study_json, runs)]
         if target not in runs:  # of both questions: half-widths are the run's own

@@ -12,53 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common import (
-    NAME_MAX,
-    YOUR_DATA,
-    Floats,
-    InputError,
-    Json,
-    KeyPath,
-    Problem,
-    Problems,
-    Schema,
-    StrPath,
-    Texts,
-    TomlReader,
-    array,
-    csv_table,
-    document,
-    fill,
-    floats,
-    name,
-    shown,
-    small_file,
-    unusable,
-    whole,
-    write_file,
-    write_folder,
-    written,
-)
+from cpcal.common.documents import KeyPath, Schema, TomlReader, array, csv_table, document, name, whole, written
+from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown, unusable
+from cpcal.common.files import NAME_MAX, StrPath, small_file, write_file, write_folder
+from cpcal.common.values import Floats, Json, Texts, fill, floats
 from cpcal.files.tables import Table, read_table
-from cpcal.robot import (
-    ARRAYS,
-    EXACT_OR_NOT,
-    KINDS,
-    QUATERNION_TOLERANCE,
-    ROBOTS,
-    SHARED_COLUMNS,
-    Campaign,
-    ModelChoice,
-    Pose,
-    PoseTable,
-    Robot,
-    Study,
-    Truth,
-    Uncertainty,
-    override_columns,
-    quaternion_problem,
-    reading_columns,
-)
+from cpcal.robot import EXACT_OR_NOT, ROBOTS, Campaign, ModelChoice, Pose, PoseTable, Robot, Study, Truth, Uncertainty
+from cpcal.robot.campaign import ARRAYS, QUATERNION_TOLERANCE, quaternion_problem
+from cpcal.robot.robot import KINDS
+from cpcal.robot.units import SHARED_COLUMNS, override_columns, reading_columns
 
 # ------------------------------------------------------------------------------------------------------------------
 # Campaigns to files: canonical bytes, their digest, and writing that never leaves anything half-written.

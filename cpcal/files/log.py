@@ -21,42 +21,25 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common import (
-    NUMBERS,
-    TEXT_MAX,
-    YOUR_DATA,
-    ArrayLike,
-    Floats,
-    InputError,
-    Names,
-    Places,
-    Problem,
-    Problems,
-    Texts,
-    about,
-    listed,
-    shown,
-    small_file,
-    unusable,
-)
+from cpcal.common.documents import NUMBERS
+from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown, unusable
+from cpcal.common.files import TEXT_MAX, listed, small_file
+from cpcal.common.numbers import about
+from cpcal.common.values import ArrayLike, Floats, Names, Places, Texts
 from cpcal.files.folders import Settings, campaign_of_table, load_settings
 from cpcal.files.tables import QUATERNION, Table
-from cpcal.robot import (
+from cpcal.robot import EXACT_OR_NOT, ROBOTS, Campaign, Robot, known_robot
+from cpcal.robot.campaign import stated_uncertainty
+from cpcal.robot.units import (
     ANGLES,
-    EXACT_OR_NOT,
     FORMS,
     LENGTHS,
-    ROBOTS,
-    Campaign,
     ColumnSource,
-    Robot,
     RotationForm,
     column_map,
     columns_by_name,
-    known_robot,
     leg_columns,
     override_columns,
-    stated_uncertainty,
     units_of,
 )
 

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from cpcal.common import DRAFT, InputError, Problem, StrPath, draft_name, exclusive, put_in_place, unusable, unwritable
+from cpcal.common.errors import InputError, Problem, unusable
+from cpcal.common.files import DRAFT, StrPath, draft_name, exclusive, put_in_place, unwritable
 
 LOCK_NAME = ".cpcal-lock"
 _JSON = rb'\s*\{\s*"format":\s*"cpcal-'

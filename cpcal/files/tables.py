@@ -15,31 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
-from cpcal.common import (
-    IDENTIFIER_REMEDY,
-    LARGEST,
-    NUMBERS,
-    Floats,
-    Names,
-    Problems,
-    StrPath,
-    csv_table,
-    is_identifier,
-    shown,
-    small_file,
-    unguarded,
-    unusable,
-)
-from cpcal.robot import (
-    POSE,
-    QUATERNION_TOLERANCE,
-    Pose,
-    PoseTable,
-    leg_columns,
-    override_columns,
-    quaternion_problem,
-    reading_columns,
-)
+from cpcal.common.documents import NUMBERS, csv_table, unguarded
+from cpcal.common.errors import Problems, shown, unusable
+from cpcal.common.files import IDENTIFIER_REMEDY, StrPath, is_identifier, small_file
+from cpcal.common.values import LARGEST, Floats, Names
+from cpcal.robot import Pose, PoseTable
+from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
+from cpcal.robot.units import POSE, leg_columns, override_columns, reading_columns
 
 Columns = Callable[[int], list[str]]  # their names, for n legs
 

@@ -26,10 +26,12 @@ import numpy as np
 from cpcal.checker import FORMAT
 from cpcal.checker.frames import E_, F_, R_F, R_X, SIZE, T_F, T_X, Rows, Study, asked_box
 from cpcal.checker.rule import Box
-from cpcal.common import Floats, at_most, norms
+from cpcal.common.numbers import at_most
+from cpcal.common.values import Floats, norms
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, study_json
 from cpcal.robot import normalised, quaternion_from_matrix, rotation_matrix
-from cpcal.solver.certificate import Contracted, Descent, System, number, write_steps
+from cpcal.solver.certificate.exact_network import number
+from cpcal.solver.certificate.prover import Contracted, Descent, System, write_steps
 
 Tell = Callable[[str], None]
 _ROTATIONS = (*R_X, *R_F)

@@ -25,44 +25,17 @@ import numpy as np
 from cpcal.checker.files import STUDY_NAME
 from cpcal.checker.frames import GIVEN, unit
 from cpcal.checker.hand_eye import STUDY_FORMAT
-from cpcal.common import (
-    Floats,
-    Indices,
-    KeyPath,
-    Names,
-    Numbers,
-    Problem,
-    Problems,
-    StrPath,
-    Texts,
-    TomlReader,
-    Value,
-    csv_table,
-    document,
-    fill,
-    floats,
-    frozen_array,
-    json_object,
-    one_of,
-    shown,
-    text,
-    unusable,
-    write_folder,
-)
-from cpcal.files import Table, existing_folder, poses_of_log, read_log, read_table
-from cpcal.robot import (
-    AXES,
-    POSE,
-    SIMULATION,
-    Pose,
-    compose,
-    inverse,
-    normalised,
-    quaternion_from_rotation_vector,
-    quaternion_product,
-    rotation_matrix,
-    small_rotation,
-)
+from cpcal.common.documents import KeyPath, TomlReader, csv_table, document, json_object, one_of, text
+from cpcal.common.errors import Problem, Problems, shown, unusable
+from cpcal.common.files import StrPath, write_folder
+from cpcal.common.values import Floats, Indices, Names, Numbers, Texts, Value, fill, floats, frozen_array
+from cpcal.files.folders import existing_folder
+from cpcal.files.log import poses_of_log, read_log
+from cpcal.files.tables import Table, read_table
+from cpcal.robot import Pose, compose, inverse, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
+from cpcal.robot.campaign import SIMULATION
+from cpcal.robot.kinematics import normalised, small_rotation
+from cpcal.robot.units import AXES, POSE
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.plate_and_camera import camera_bytes, load_camera
 

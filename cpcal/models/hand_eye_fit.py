@@ -12,21 +12,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cpcal.checker.frames import GIVEN, unit
-from cpcal.common import Floats, InputError, nearest, norms, unusable
+from cpcal.common.errors import InputError, unusable
 from cpcal.common.least_squares import Blocks, Fit, least_squares
+from cpcal.common.numbers import nearest
+from cpcal.common.values import Floats, norms
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, Setup, read_poses
-from cpcal.robot import (
-    LEAST_SPREAD,
-    Pose,
-    axis_text,
-    cross_matrix,
-    inverse,
-    nearest_rotation,
-    quaternion_from_matrix,
-    quaternion_from_rotation_vector,
-    rotation_matrix,
-    world_hand_eye,
-)
+from cpcal.robot import Pose, inverse, quaternion_from_matrix, quaternion_from_rotation_vector, rotation_matrix
+from cpcal.robot.kinematics import LEAST_SPREAD, axis_text, cross_matrix, nearest_rotation, world_hand_eye
 from cpcal.solver.linear import Dense, LinearStatus
 from cpcal.vision.opencv import MissingExtraError, opencv
 

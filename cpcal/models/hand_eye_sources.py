@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common import ArrayPair, Floats, InputError, Names, Numbers, at_most, nearest, stated, unusable
+from cpcal.common.errors import InputError, unusable
+from cpcal.common.numbers import at_most, nearest, stated
+from cpcal.common.values import ArrayPair, Floats, Names, Numbers
 from cpcal.models.hand_eye import SETUPS, HandEyeStudy, Setup, by_name, study_of_board
 from cpcal.models.hand_eye_fit import classical_answer, estimated_half_widths
 from cpcal.robot import (

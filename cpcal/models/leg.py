@@ -20,31 +20,22 @@ import numpy as np
 
 from cpcal.checker.certificate import Given, polynomial
 from cpcal.checker.leg import Measurement, leg_problem
-from cpcal.common import (
-    BACK,
-    FORTH,
-    ArrayLike,
-    Floats,
-    Informed,
-    InputError,
-    ModelError,
-    Names,
-    Places,
-    PluginError,
-    Problem,
-    checked,
-    floats,
-    nearest,
-    norms,
-    unusable,
-)
-from cpcal.common import stated as as_stated
+from cpcal.common.codec import Informed, checked
+from cpcal.common.errors import InputError, ModelError, PluginError, Problem, unusable
 from cpcal.common.least_squares import least_squares
+from cpcal.common.numbers import nearest
+from cpcal.common.numbers import stated as as_stated
+from cpcal.common.values import BACK, FORTH, ArrayLike, Floats, Names, Places, floats, norms
 from cpcal.files import campaign_sha256
-from cpcal.robot import Campaign, LegEquations, leg_vectors, rotation_numerators
-from cpcal.solver.certificate import NotStated, Statement, free, network_statement, stated_leg
+from cpcal.robot import Campaign, LegEquations, leg_vectors
+from cpcal.robot.kinematics import rotation_numerators
+from cpcal.solver.certificate.exact_network import NotStated, Statement, free, network_statement, stated_leg
 from cpcal.solver.interval import Box, IntervalArray
-from cpcal.solver.network import ConstraintNetwork, Expr, Rows, Tape, as_expr, norm, restricted, sqr, sqrt
+from cpcal.solver.network import ConstraintNetwork, Expr, norm, sqr, sqrt
+from cpcal.solver.network.expression import as_expr
+from cpcal.solver.network.network import restricted
+from cpcal.solver.network.rows import Rows
+from cpcal.solver.network.tape import Tape
 
 PARAMETERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 

@@ -23,14 +23,17 @@ import numpy as np
 
 from cpcal.checker.certificate import Given, polynomial, with_forms
 from cpcal.checker.platform import DIRECTION_BITS, Commanded, direction_form
-from cpcal.common import Floats, Places, floats, unusable
+from cpcal.common.errors import unusable
+from cpcal.common.values import Floats, Places, floats
 from cpcal.models import PLAIN, ModelResiduals, leg_box, leg_network, leg_statement, of_measurements
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
-from cpcal.solver.certificate import WeightProver, exact_box, free, leg_sides, write_steps
+from cpcal.solver.certificate.exact_network import exact_box, free, leg_sides
+from cpcal.solver.certificate.prover import WeightProver, write_steps
 from cpcal.solver.contract import Repeat, SupportFunction, givers, shrunk
 from cpcal.solver.interval import Box, IntervalArray
-from cpcal.solver.network import ConstraintNetwork, as_expr, sqr
+from cpcal.solver.network import ConstraintNetwork, sqr
+from cpcal.solver.network.expression import as_expr
 
 SIZE = 17  # of z
 _COLUMNS = np.r_[0:7, 8:18]  # of x, w and C in the network; eps stands between them

@@ -28,11 +28,12 @@ from typing import NamedTuple
 import numpy as np
 
 from cpcal.checker.platform import COORDINATES, AboutCenter, Commanded, Leg, LegEquation
-from cpcal.common import ArrayPair, Bools, Floats, crossed, norms, unusable
+from cpcal.common.errors import unusable
+from cpcal.common.values import ArrayPair, Bools, Floats, crossed, norms
 from cpcal.models.leg import cross, rotations
 from cpcal.models.leg_set import CertifiedSet
 from cpcal.robot import Pose, Robot, leg_vectors, normalised, pose_jacobian, small_rotation
-from cpcal.solver.certificate import free
+from cpcal.solver.certificate.exact_network import free
 from cpcal.solver.contract import Contraction
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.interval.numbers import Intervals as Numbers

@@ -32,13 +32,14 @@ from cpcal.checker import FORMAT, Refused
 from cpcal.checker.readers import Json, up
 from cpcal.checker.rule import Box
 from cpcal.checker.sight import POSE_SET_FORMAT, Part, Rows, Sight, digest_of, joined, rows_of, sight_of
-from cpcal.common import (
+from cpcal.common.errors import refuse, unusable
+from cpcal.common.files import StrPath, write_file
+from cpcal.common.values import (
     ArrayLike,
     Floats,
     Indices,
     Names,
     Places,
-    StrPath,
     Value,
     all_finite,
     fill,
@@ -46,12 +47,11 @@ from cpcal.common import (
     freeze,
     frozen_array,
     norms,
-    refuse,
-    unusable,
-    write_file,
 )
-from cpcal.robot import Pose, nearest_rotation, normalised, quaternion_from_matrix, quaternion_product
-from cpcal.solver.certificate import Contracted, Descent, System, line, number, write_steps
+from cpcal.robot import Pose, normalised, quaternion_from_matrix, quaternion_product
+from cpcal.robot.kinematics import nearest_rotation
+from cpcal.solver.certificate.exact_network import number
+from cpcal.solver.certificate.prover import Contracted, Descent, System, line, write_steps
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import IntervalArray
 from cpcal.vision.batch.detect import ImageFolder

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common import CpcalError, InputError, shown, unusable
+from cpcal.common.errors import CpcalError, InputError, shown, unusable
 from cpcal.problems.values import (
     FUNCTIONS,
     MOST,

@@ -10,7 +10,8 @@ from functools import reduce
 
 import numpy as np
 
-from cpcal.common import CpcalError, Floats, InputError, Pair, shown, unusable
+from cpcal.common.errors import CpcalError, InputError, shown, unusable
+from cpcal.common.values import Floats, Pair
 from cpcal.problems.values import (
     StatedProblem,
     Value,

@@ -8,11 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cpcal.common import InputError, ModelError, StrPath, at_most, bracket_text, small_file, unusable
+from cpcal.common.errors import InputError, ModelError, unusable
+from cpcal.common.files import StrPath, small_file
+from cpcal.common.numbers import at_most, bracket_text
 from cpcal.problems.minibex import read_minibex
 from cpcal.problems.nl import read_nl
 from cpcal.problems.values import StatedProblem
-from cpcal.solver.certificate import UncertifiedError
+from cpcal.solver.certificate.recording import UncertifiedError
 from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.optimize.bound import Minimum, Progress
 from cpcal.solver.search.paving import Paving

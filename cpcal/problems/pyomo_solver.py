@@ -29,7 +29,7 @@ from pyomo.core.base.objective import Objective
 from pyomo.core.staleflag import StaleFlagManager
 from pyomo.repn.plugins.nl_writer import NLWriter
 
-from cpcal.common import __version__
+from cpcal.common.version import __version__
 from cpcal.problems.nl import read_nl
 from cpcal.problems.problem import Answer, answer
 from cpcal.solver.contract import Limits, Verdict

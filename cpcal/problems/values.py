@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common import ModelError
+from cpcal.common.errors import ModelError
 from cpcal.solver import network as functions
 from cpcal.solver.interval import Interval, IntervalArray
 from cpcal.solver.model import Network

@@ -15,53 +15,34 @@ import numpy as np
 
 from cpcal.calibration import fit, mean_rotations
 from cpcal.checker.platform import COORDINATES, MOST_LEGS, Commanded, Leg, pose_bounds, stated
-from cpcal.common import (
-    Document,
+from cpcal.common.codec import Document, Informed, checked
+from cpcal.common.errors import Problem, Problems, unusable
+from cpcal.common.files import StrPath
+from cpcal.common.numbers import about, bracket_text
+from cpcal.common.values import (
     Floats,
     Indices,
-    Informed,
     Names,
     Numbers,
     Pair,
     Places,
-    Problem,
-    Problems,
     Quaternion,
-    StrPath,
     Vector,
-    __version__,
-    about,
     all_finite,
-    bracket_text,
-    checked,
     floats,
     norms,
-    unusable,
 )
+from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
-from cpcal.models import (
-    PLAIN,
-    AskedSet,
-    Cells,
-    CertifiedSet,
-    Tell,
-    Workspace,
-    beyond_legs,
-    cell_bounds,
-    centered,
-    certified_set,
-    cover,
-    enclosed_leg,
-    exact,
-    first_grid,
-    pose_inverse,
-    rotated,
-)
+from cpcal.models import PLAIN, beyond_legs
+from cpcal.models.frames import Tell, exact
+from cpcal.models.leg_set import AskedSet, CertifiedSet, certified_set, enclosed_leg
+from cpcal.models.platform import Cells, Workspace, cell_bounds, centered, cover, first_grid, pose_inverse, rotated
 from cpcal.questions.next_measurement import NextPose, Polytope, attained, leg_changes, poses_to_measure
 from cpcal.questions.result import CampaignNote, Result
 from cpcal.questions.verdict import verdict_of
 from cpcal.robot import Campaign, Pose, Robot, inverse_kinematics, pose_jacobian, turn_between
-from cpcal.solver.certificate import free
+from cpcal.solver.certificate.exact_network import free
 
 # ------------------------------------------------------------------------------------------------------------------
 # The answer as plain values: what is assumed, what is proved, what is estimated, apart.

@@ -11,27 +11,27 @@ from pathlib import Path
 from pickle import PicklingError
 from typing import TYPE_CHECKING, Any
 
-from cpcal.common import InputError, StrPath, __version__, unusable, write_file
-from cpcal.files import RUN, answers_into, campaign_sha256, save_campaign_json
+from cpcal.common.errors import InputError, unusable
+from cpcal.common.files import StrPath, write_file
+from cpcal.common.version import __version__
+from cpcal.files import campaign_sha256, save_campaign_json
+from cpcal.files.run_folder import RUN, answers_into
 from cpcal.models import LegModel
 from cpcal.questions.leg import certify_leg
 from cpcal.questions.question import COMPARED, Progress, Question, comparison, question_of
 from cpcal.questions.result import CampaignNote, LegResult, ModelNote, Result, Uncertified
 from cpcal.robot import Campaign
-from cpcal.solver.execution import (
-    FOLDER,
-    Checkpoints,
+from cpcal.solver.execution.checkpoint_file import FOLDER, Checkpoints
+from cpcal.solver.execution.executors import (
     Here,
     LostWorkerError,
     Place,
     Processes,
-    Stopped,
-    asked,
     executor_for,
-    heard,
     linear_algebra_on_one_thread,
     outcomes,
 )
+from cpcal.solver.execution.stopping import Stopped, asked, heard
 from cpcal.solver.optimize.bound import Bracket
 
 if TYPE_CHECKING:

@@ -8,24 +8,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common import Floats, InputError, Places
+from cpcal.common.errors import InputError
+from cpcal.common.values import Floats, Places
 from cpcal.models import built_in, leg_box, leg_network, model_statement, of_measurements
 from cpcal.questions.question import Question
 from cpcal.questions.result import Uncertified
 from cpcal.solver import plugins
 from cpcal.solver.accounts import ContractorUse, Trial, total_use
-from cpcal.solver.certificate import (
-    Claims,
-    Recording,
-    SearchKeeper,
-    Statement,
-    UncheckableError,
-    WeightProver,
-    claims,
-    claims_of,
-)
+from cpcal.solver.certificate.exact_network import Statement
+from cpcal.solver.certificate.prover import Claims, WeightProver, claims
+from cpcal.solver.certificate.recording import Recording, SearchKeeper, UncheckableError, claims_of
 from cpcal.solver.contract import Contraction, Contractor, Limits, Named, Repeat, Verdict
-from cpcal.solver.execution import asked
+from cpcal.solver.execution.stopping import asked
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.optimize.bound import Bracket, Minimum, Progress, minimize, run

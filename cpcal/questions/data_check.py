@@ -7,10 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.calibration.fit import robust_scale
-from cpcal.common import Floats, Names, Numbers, about
+from cpcal.common.numbers import about
+from cpcal.common.values import Floats, Names, Numbers
 from cpcal.models import PLAIN, LegModel, ModelResiduals, reading_moves
 from cpcal.questions.result import Determination
-from cpcal.robot import Campaign, Given, LegEquations, Spread, copied_rows, doubts, single_pose, spread_of
+from cpcal.robot import Campaign, LegEquations
+from cpcal.robot.campaign import Given, copied_rows, single_pose
+from cpcal.robot.mistakes import Spread, doubts, spread_of
 
 # ------------------------------------------------------------------------------------------------------------------
 # Which parameters the measurements of a leg leave open: the rank of its Jacobian, in floating point.

@@ -26,38 +26,19 @@ from cpcal.checker.hand_eye import (
 )
 from cpcal.checker.polynomial import applied, plus
 from cpcal.checker.readers import Refused, up
-from cpcal.common import (
-    ArrayPair,
-    Document,
-    Informed,
-    InputError,
-    Names,
-    Numbers,
-    Quaternion,
-    Texts,
-    Vector,
-    __version__,
-    at_least,
-    at_most,
-    checked,
-    refuse,
-    unusable,
-)
-from cpcal.models import (
-    COARSE,
+from cpcal.common.codec import Document, Informed, checked
+from cpcal.common.errors import InputError, refuse, unusable
+from cpcal.common.numbers import at_least, at_most
+from cpcal.common.values import ArrayPair, Names, Numbers, Quaternion, Texts, Vector
+from cpcal.common.version import __version__
+from cpcal.models.frames import COARSE, PlacedFrames, Proof, Prover, Tell, exact
+from cpcal.models.hand_eye import HandEyeStudy, Known, load_study_json
+from cpcal.models.hand_eye_fit import (
     FEWEST,
-    HandEyeStudy,
-    Known,
-    PlacedFrames,
-    Proof,
-    Prover,
-    Tell,
     best_frames,
     classical_answer,
-    exact,
     least_error,
     least_errors,
-    load_study_json,
     opencv_answers,
     stated_readings,
     trimmed_fit,

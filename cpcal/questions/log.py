@@ -11,9 +11,16 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from cpcal.calibration.frames import Drawn, drawn_poses, first_frames, in_base_frame, redefined
-from cpcal.common import ArrayLike, InputError, StrPath, Texts, about, unusable
-from cpcal.files import Log, Settings, campaign_of_log, frame_log, log_settings, read_log, unstated
-from cpcal.robot import SEQUENCES, SHARE, Campaign, Given, KinematicsError, Robot, spread_of
+from cpcal.common.errors import InputError, unusable
+from cpcal.common.files import StrPath
+from cpcal.common.numbers import about
+from cpcal.common.values import ArrayLike, Texts
+from cpcal.files import Log, Settings
+from cpcal.files.log import campaign_of_log, frame_log, log_settings, read_log, unstated
+from cpcal.robot import Campaign, KinematicsError, Robot
+from cpcal.robot.campaign import Given
+from cpcal.robot.mistakes import SHARE, spread_of
+from cpcal.robot.units import SEQUENCES
 
 if TYPE_CHECKING:
     from pandas import DataFrame

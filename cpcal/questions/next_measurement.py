@@ -11,29 +11,26 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common import ArrayPair, Floats, Names, Numbers, Vector, about, at_most, norms, stated, unusable
-from cpcal.models import (
-    PLAIN,
-    CertifiedSet,
-    HandEyeFrames,
-    HandEyeStudy,
-    ModelResiduals,
-    Tell,
-    pose_inverse,
-    reading_moves,
-)
+from cpcal.common.errors import unusable
+from cpcal.common.numbers import about, at_most, stated
+from cpcal.common.values import ArrayPair, Floats, Names, Numbers, Vector, norms
+from cpcal.models import PLAIN, ModelResiduals, reading_moves
+from cpcal.models.frames import Tell
+from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy
 from cpcal.models.hand_eye_fit import PARAMETERS, PixelModel, best_frames, classical_answer, excess
+from cpcal.models.leg_set import CertifiedSet
+from cpcal.models.platform import pose_inverse
 from cpcal.robot import (
     Campaign,
     LegEquations,
     Pose,
     Robot,
-    cross_matrix,
     inverse_kinematics,
     normalised,
     pose_jacobian,
     rotation_vector,
 )
+from cpcal.robot.kinematics import cross_matrix
 from cpcal.solver.linear import Dense, LinearStatus
 
 

@@ -9,14 +9,20 @@ from pathlib import Path
 import numpy as np
 
 from cpcal.checker import Accepted
-from cpcal.common import ArrayLike, Names, Numbers, Problems, StrPath, all_finite, floats, refuse, unusable
-from cpcal.files import FITTED, answers_into, campaign_sha256, keep_beside
+from cpcal.common.errors import Problems, refuse, unusable
+from cpcal.common.files import StrPath
+from cpcal.common.values import ArrayLike, Names, Numbers, all_finite, floats
+from cpcal.files import campaign_sha256
+from cpcal.files.folders import keep_beside
+from cpcal.files.run_folder import FITTED, answers_into
 from cpcal.models import PLAIN, LegModel, beyond_legs, built_in, leg_box, leg_network, leg_statement
 from cpcal.questions import CalibrationRecord
 from cpcal.questions.question import chosen_model
 from cpcal.questions.result import VerifiedPoint, check_campaign
 from cpcal.robot import Campaign
-from cpcal.solver.certificate import Recording, at_point, claims, failing, holding
+from cpcal.solver.certificate.float_rows import at_point, failing, holding
+from cpcal.solver.certificate.prover import claims
+from cpcal.solver.certificate.recording import Recording
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize.witness import verify_point
 

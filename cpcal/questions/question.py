@@ -8,14 +8,27 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common import Floats, InputError, Problems, __version__, encoded, refuse
+from cpcal.common.codec import encoded
+from cpcal.common.errors import InputError, Problems, refuse
+from cpcal.common.values import Floats
+from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
-from cpcal.models import PLAIN, LegModel, beyond_legs, built_in, fit_model, leg_box, leg_model, leg_network
+from cpcal.models import (
+    PLAIN,
+    LegModel,
+    beyond_legs,
+    built_in,
+    fit_model,
+    leg_box,
+    leg_model,
+    leg_network,
+)
 from cpcal.questions.result import Options
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
 from cpcal.solver.contract import Limits
-from cpcal.solver.execution import Checkpoints, Place
+from cpcal.solver.execution.checkpoint_file import Checkpoints
+from cpcal.solver.execution.executors import Place
 from cpcal.solver.optimize.bound import Bracket
 
 _LIMITS = {"legs": None, "time_limit": None, "node_limit": None, "tolerance": None}  # change no bracket

@@ -13,13 +13,16 @@ from functools import cached_property
 
 import numpy as np
 
-from cpcal.common import Floats, Json, norms
+from cpcal.common.values import Floats, Json, norms
 from cpcal.models import ModelResiduals, built_in, fit_model, leg_readings, leg_statement, reading_moves, reading_range
 from cpcal.questions.bracket import PreparedLeg, written
 from cpcal.questions.result import CONSTRAINED, LEAST_SQUARES, PassesFrom, Recommended, Reduced
-from cpcal.solver.certificate import AllReadings, Recording, Statement, claims
+from cpcal.solver.certificate.exact_network import Statement
+from cpcal.solver.certificate.float_rows import AllReadings
+from cpcal.solver.certificate.prover import claims
+from cpcal.solver.certificate.recording import Recording
 from cpcal.solver.interval import Box
-from cpcal.solver.network import Rows
+from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.local import fit_of_many
 
 _BELOW = 1e-9  # relative, below a tolerance: slack left so that the proof at the point succeeds

@@ -11,23 +11,12 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
-from cpcal.common import (
-    INFORMATION,
-    Document,
-    Informed,
-    Names,
-    Numbers,
-    Places,
-    StrPath,
-    Texts,
-    all_finite,
-    checked,
-    printable,
-    refuse,
-    stated,
-    unusable,
-)
-from cpcal.files import CAMPAIGN_NAME, campaign_sha256, save_campaign_json
+from cpcal.common.codec import INFORMATION, Document, Informed, checked
+from cpcal.common.errors import printable, refuse, unusable
+from cpcal.common.files import StrPath
+from cpcal.common.numbers import stated
+from cpcal.common.values import Names, Numbers, Places, Texts, all_finite
+from cpcal.files.folders import CAMPAIGN_NAME, campaign_sha256, save_campaign_json
 from cpcal.models import BUILT_IN, PARAMETERS, PLAIN, LegModel, Parameter, leg_model, model_name_problem
 from cpcal.robot import Campaign
 from cpcal.solver.accounts import ContractorUse, Trial

@@ -24,7 +24,10 @@ from cpcal.calibration.statistics import (
     repeatability,
     study_rows,
 )
-from cpcal.common import Document, Floats, Names, Numbers, about, all_finite, refuse
+from cpcal.common.codec import Document
+from cpcal.common.errors import refuse
+from cpcal.common.numbers import about
+from cpcal.common.values import Floats, Names, Numbers, all_finite
 from cpcal.files import campaign_sha256
 from cpcal.robot import Campaign, Robot, Study, inverse
 

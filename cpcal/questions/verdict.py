@@ -18,7 +18,7 @@ import math
 from collections.abc import Callable
 from typing import Literal, NamedTuple
 
-from cpcal.common import at_least, at_most, gap_text, stated
+from cpcal.common.numbers import at_least, at_most, gap_text, stated
 from cpcal.models import PARAMETERS
 from cpcal.questions.result import Determination, LegResult, Options, Result
 from cpcal.solver.accounts import bracket_sentence

@@ -6,9 +6,10 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from cpcal.common import StrPath, about, at_least, at_most, listed, nearest, stated
-from cpcal.models import AXES
-from cpcal.questions import FAR, Accuracy, WorkspaceAccuracy
+from cpcal.common.files import StrPath, listed
+from cpcal.common.numbers import about, at_least, at_most, nearest, stated
+from cpcal.models.platform import AXES
+from cpcal.questions.accuracy import FAR, Accuracy, WorkspaceAccuracy
 from cpcal.report.figures import DASHES, EDGE, INK, SUPPORT, Plot, Svg, rectangle
 from cpcal.report.section import Drawing, Mark, Page, Section, Table, Words, origin, verdict
 

@@ -13,7 +13,8 @@ from importlib.resources import files
 import numpy as np
 from markupsafe import Markup
 
-from cpcal.common import ArrayLike, Bools, Floats, floats, stated
+from cpcal.common.numbers import stated
+from cpcal.common.values import ArrayLike, Bools, Floats, floats
 from cpcal.questions import Result, verdict_of
 
 INK, GRID, BAND, EDGE, ROOM, DOT, SUPPORT = (

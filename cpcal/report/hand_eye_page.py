@@ -6,22 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from cpcal.common import (
-    StrPath,
-    about,
-    at_least,
-    at_most,
-    bracket_text,
-    listed,
-    nearest,
-    rounded_down,
-    rounded_up,
-    stated,
-)
-from cpcal.questions import PARAMETERS, HandEyeResult, KnownPoint, load_hand_eye_result
+from cpcal.common.files import StrPath, listed
+from cpcal.common.numbers import about, at_least, at_most, bracket_text, nearest, rounded_down, rounded_up, stated
+from cpcal.questions.hand_eye import PARAMETERS, HandEyeResult, KnownPoint, load_hand_eye_result
 from cpcal.report.figures import residuals_svg
 from cpcal.report.section import Drawing, Mark, Page, Section, Table, origin, verdict
-from cpcal.robot import Pose, distances, normalised, titled, transformed
+from cpcal.robot import Pose, distances, normalised, transformed
+from cpcal.robot.campaign import titled
 
 HAND_EYE_PAGE = "handeye.html"
 BOTH = "exact", "uncertain"  # folders of the runs of one study: with exact poses, and with poses that may be off

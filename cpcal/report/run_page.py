@@ -16,9 +16,9 @@ from urllib.parse import quote
 import numpy as np
 from markupsafe import Markup
 
-from cpcal.common import (
-    ArrayPair,
-    StrPath,
+from cpcal.common.errors import unusable
+from cpcal.common.files import StrPath, write_file
+from cpcal.common.numbers import (
     about,
     at_least,
     at_most,
@@ -29,20 +29,11 @@ from cpcal.common import (
     rounded_up,
     short,
     stated,
-    unusable,
-    write_file,
 )
+from cpcal.common.values import ArrayPair
 from cpcal.models import PLAIN, LegModel, model_residuals, reading_moves
-from cpcal.questions import (
-    INFORMATION,
-    LegResult,
-    Result,
-    check_campaign,
-    contractors_sentences,
-    model_of,
-    recommendation,
-    verdict_of,
-)
+from cpcal.questions import INFORMATION, LegResult, Result, contractors_sentences, model_of, recommendation, verdict_of
+from cpcal.questions.result import check_campaign
 from cpcal.report.figures import MOST_POINTS, errors_svg, residuals_svg
 from cpcal.report.section import Drawing, Mark, Page, Proof, Section, Table, Words, origin, verdict
 from cpcal.report.words import (
@@ -61,7 +52,8 @@ from cpcal.report.words import (
     notices,
     overall,
 )
-from cpcal.robot import Campaign, suspicions
+from cpcal.robot import Campaign
+from cpcal.robot.mistakes import suspicions
 
 REPORT_NAME = "report.html"
 _HEAD = ("date", "operator", "serial")  # of the campaign's provenance, shown at the top of the page

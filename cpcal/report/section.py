@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from markupsafe import Markup, escape
 
-from cpcal.common import __version__, printable, write_file
+from cpcal.common.errors import printable
+from cpcal.common.files import write_file
+from cpcal.common.version import __version__
 
 if TYPE_CHECKING:
     from jinja2 import Template

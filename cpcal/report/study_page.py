@@ -6,19 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common import Floats, Names, StrPath, about, bracket_text, nearest, stated, unusable
+from cpcal.common.errors import unusable
+from cpcal.common.files import StrPath
+from cpcal.common.numbers import about, bracket_text, nearest, stated
+from cpcal.common.values import Floats, Names
 from cpcal.models import PARAMETERS
-from cpcal.questions import (
-    Budget,
-    CalibrationRecord,
-    Channel,
-    Fits,
-    Parameters,
-    RepeatRecord,
-    Result,
-    Rows,
-    check_campaign,
-)
+from cpcal.questions import Budget, CalibrationRecord, Result
+from cpcal.questions.points import Fits
+from cpcal.questions.result import check_campaign
+from cpcal.questions.study_calibration import Channel, Parameters, RepeatRecord, Rows
 from cpcal.report.figures import DOT, ROOM, Svg, series
 from cpcal.report.run_page import render
 from cpcal.report.section import Drawing, Mark, Section, Table

@@ -6,9 +6,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common import Bools, CpcalError, Floats, Places, about, at_least, at_most, floats, stated
+from cpcal.common.errors import CpcalError
+from cpcal.common.numbers import about, at_least, at_most, stated
+from cpcal.common.values import Bools, Floats, Places, floats
 from cpcal.models import PLAIN, LegModel, ModelResiduals, fit_model, leg_model
-from cpcal.questions import LegResult, Result, Uncertified, plain_side, status_of, verdict_of
+from cpcal.questions import LegResult, Result, Uncertified, status_of, verdict_of
+from cpcal.questions.verdict import plain_side
 from cpcal.report.section import Mark, Words, verdict
 from cpcal.robot import Campaign
 

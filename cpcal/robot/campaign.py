@@ -15,33 +15,25 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common import (
-    IDENTIFIER_REMEDY,
+from cpcal.common.errors import Problem, Problems, shown, unusable
+from cpcal.common.files import IDENTIFIER_REMEDY, NAME_MAX, NAME_REMEDY, TEXT_REMEDY, is_identifier, is_text
+from cpcal.common.numbers import about
+from cpcal.common.values import (
     LARGEST,
-    NAME_MAX,
-    NAME_REMEDY,
-    TEXT_REMEDY,
     TINY,
     ArrayLike,
     ArrayPair,
     Floats,
     Indices,
     Names,
-    Problem,
-    Problems,
     Texts,
     Value,
-    about,
     as_floats,
     fill,
     freeze,
     frozen_array,
     frozen_mapping,
-    is_identifier,
-    is_text,
     norms,
-    shown,
-    unusable,
 )
 from cpcal.robot.kinematics import Pose, leg_vectors, turn_between
 from cpcal.robot.robot import KINDS, Robot, Uncertainty, good_numbers, known_robot

@@ -11,19 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common import (
-    TINY,
-    ArrayLike,
-    ArrayPair,
-    Bools,
-    ByValue,
-    CpcalError,
-    Floats,
-    all_finite,
-    floats,
-    norms,
-    unusable,
-)
+from cpcal.common.errors import CpcalError, unusable
+from cpcal.common.values import TINY, ArrayLike, ArrayPair, Bools, ByValue, Floats, all_finite, floats, norms
 from cpcal.robot.robot import Robot
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -14,7 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common import TINY, Floats, Names, Pair, about, all_finite, norms
+from cpcal.common.numbers import about
+from cpcal.common.values import TINY, Floats, Names, Pair, all_finite, norms
 from cpcal.robot.campaign import Campaign, Given, LegEquations
 from cpcal.robot.kinematics import (
     KinematicsError,

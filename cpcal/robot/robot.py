@@ -8,23 +8,9 @@ from importlib.resources import files
 
 import numpy as np
 
-from cpcal.common import (
-    LARGEST,
-    NAME_MAX,
-    NAME_REMEDY,
-    ArrayLike,
-    Bools,
-    Floats,
-    Pair,
-    Problems,
-    Value,
-    all_finite,
-    floats,
-    freeze,
-    is_text,
-    shown,
-    unusable,
-)
+from cpcal.common.errors import Problems, shown, unusable
+from cpcal.common.files import NAME_MAX, NAME_REMEDY, is_text
+from cpcal.common.values import LARGEST, ArrayLike, Bools, Floats, Pair, Value, all_finite, floats, freeze
 
 
 def good_numbers(values: ArrayLike, least: float = -LARGEST) -> Bools:

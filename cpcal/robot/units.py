@@ -10,23 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common import (
-    NAME_MAX,
-    YOUR_DATA,
-    ArrayLike,
-    Floats,
-    Names,
-    Problems,
-    Texts,
-    Value,
-    as_floats,
-    fill,
-    frozen_mapping,
-    norms,
-    refuse,
-    shown,
-    unusable,
-)
+from cpcal.common.errors import YOUR_DATA, Problems, refuse, shown, unusable
+from cpcal.common.files import NAME_MAX
+from cpcal.common.values import ArrayLike, Floats, Names, Texts, Value, as_floats, fill, frozen_mapping, norms
 from cpcal.robot.kinematics import (
     normalised,
     quaternion_from_matrix,

@@ -23,10 +23,10 @@ import numpy as np
 from numpy.random import PCG64, SeedSequence
 from numpy.random import Generator as Stream
 
-from cpcal.common import LARGEST, ArrayLike, Floats, InputError, Json, Pair, norms, refuse
+from cpcal.common.errors import InputError, refuse
+from cpcal.common.values import LARGEST, ArrayLike, Floats, Json, Pair, norms
 from cpcal.robot import (
     DELTALAB,
-    SIMULATION,
     Campaign,
     KinematicsError,
     Pose,
@@ -41,15 +41,15 @@ from cpcal.robot import (
     forward_kinematics,
     inverse_kinematics,
     leg_vectors,
-    newton,
     normalised,
     pose_jacobian,
     quaternion_from_rotation_vector,
     quaternion_product,
     rotation_matrix,
     small_rotation,
-    unreached,
 )
+from cpcal.robot.campaign import SIMULATION
+from cpcal.robot.kinematics import newton, unreached
 
 # ------------------------------------------------------------------------------------------------------------------
 # What is asked of the options of simulated measurements: name, whether it is so, remedy.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpcal.common import at_least, gap_text
+from cpcal.common.numbers import at_least, gap_text
 from cpcal.solver.contract import Named, Verdict, elements
 from cpcal.solver.interval import Box
 

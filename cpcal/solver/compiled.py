@@ -34,7 +34,7 @@ from threading import RLock
 from types import FunctionType, ModuleType
 from typing import Any, TypeAlias, TypeVar
 
-from cpcal.common import exclusive
+from cpcal.common.files import exclusive
 
 QUIET = "CPCAL_QUIET"  # of the environment: set, compilation is not announced
 LONGEST = 120.0  # seconds to wait for another process

@@ -20,7 +20,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
-    from cpcal.common import Floats
+    from cpcal.common.values import Floats
     from cpcal.solver.interval import Box, IntervalArray
     from cpcal.solver.network import ConstraintNetwork
 
@@ -134,7 +134,7 @@ def contracted(contractor: Contractor, box: Box, deadline: float = math.inf) -> 
     """What a contractor makes of a box. Raises PluginError where that is no `Contraction` of this box."""
     found = contractor.contract(box, deadline)
     if not isinstance(found, Contraction) or getattr(found.box, "names", None) != box.names:
-        from cpcal.common import PluginError
+        from cpcal.common.errors import PluginError
 
         raise PluginError(
             f"contract(box) of the contractor {type(contractor).__name__} returned {found!r}: it returns a Contraction "

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common import Bools, Floats, Indices, all_finite
+from cpcal.common.values import Bools, Floats, Indices, all_finite
 from cpcal.solver.compiled import compiled
 from cpcal.solver.contract import Contraction, Row, Step, StepWeights
 from cpcal.solver.interval import Box, IntervalArray

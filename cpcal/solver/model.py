@@ -18,10 +18,15 @@ import numpy as np
 from flint import Ordering, fmpz_mpoly_ctx, fmpz_mpoly_vec
 
 from cpcal.checker.polynomial import Terms
-from cpcal.common import ArrayLike, Floats, ModelError, Names, StrPath, all_finite, listed, numbers, stated
+from cpcal.common import numbers
+from cpcal.common.errors import ModelError
+from cpcal.common.files import StrPath, listed
+from cpcal.common.numbers import stated
+from cpcal.common.values import ArrayLike, Floats, Names, all_finite
 from cpcal.solver import plugins
 from cpcal.solver.accounts import row_use
-from cpcal.solver.certificate import ExactPolynomials, NotStated, Recording, SearchKeeper, certified, network_statement
+from cpcal.solver.certificate.exact_network import ExactPolynomials, NotStated, network_statement
+from cpcal.solver.certificate.recording import Recording, SearchKeeper, certified
 from cpcal.solver.compiled import TimeUp, compiling_until
 from cpcal.solver.contract import (
     Contraction,
@@ -34,21 +39,16 @@ from cpcal.solver.contract import (
     Verdict,
     contracted,
 )
-from cpcal.solver.execution import Checkpoint, Here, Place, executor_for, heard, linear_algebra_on_one_thread
+from cpcal.solver.execution.checkpoint_file import Checkpoint
+from cpcal.solver.execution.executors import Here, Place, executor_for, linear_algebra_on_one_thread
+from cpcal.solver.execution.stopping import heard
 from cpcal.solver.existence.operators import Equalities
 from cpcal.solver.existence.unique import Inside, UniquenessProver, reads
 from cpcal.solver.interval import Box
 from cpcal.solver.interval.numbers import float_bounds
-from cpcal.solver.network import (
-    Constraint,
-    ConstraintNetwork,
-    Expr,
-    PolynomialForms,
-    as_expr,
-    evaluate,
-    topological,
-    with_products,
-)
+from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, PolynomialForms, evaluate
+from cpcal.solver.network.expression import as_expr, topological
+from cpcal.solver.network.forms import with_products
 from cpcal.solver.optimize.bound import Minimum, Progress, minimize, run
 from cpcal.solver.search.passes import STRATEGIES, Contracting, Divide
 from cpcal.solver.search.paving import Paving, Solution, conclusion

@@ -12,7 +12,7 @@ from importlib.util import module_from_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cpcal.common import ClashError, PluginError
+from cpcal.common.errors import ClashError, PluginError
 from cpcal.solver.contract import Contractor, Named
 
 if TYPE_CHECKING:

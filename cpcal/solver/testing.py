@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from cpcal.common import Floats, norms
+from cpcal.common.values import Floats, norms
 from cpcal.solver.contract import Contraction, Contractor, ContractorFactory
 from cpcal.solver.interval import Box, Interval
 from cpcal.solver.network import ConstraintNetwork, maximum, minimum, norm, sqr, sqrt

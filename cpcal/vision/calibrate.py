@@ -12,8 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common import AnyArray, Bools, CpcalError, Floats, InputError, Ints, StrPath, norms, printable
+from cpcal.common.errors import CpcalError, InputError, printable
+from cpcal.common.files import StrPath
 from cpcal.common.least_squares import Blocks, least_squares
+from cpcal.common.values import AnyArray, Bools, Floats, Ints, norms
 from cpcal.robot import Pose
 from cpcal.vision.camera import CAMERA_NUMBERS, Camera
 from cpcal.vision.files.image_file import read_image

@@ -5,7 +5,8 @@ from functools import cached_property
 
 import numpy as np
 
-from cpcal.common import ArrayLike, Floats, Value, floats, freeze, norms, shown, unusable
+from cpcal.common.errors import shown, unusable
+from cpcal.common.values import ArrayLike, Floats, Value, floats, freeze, norms
 from cpcal.solver.compiled import compiled
 
 # ------------------------------------------------------------------------------------------------------------------

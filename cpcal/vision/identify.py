@@ -33,7 +33,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import bdtrc
 
-from cpcal.common import ArrayLike, ArrayPair, Bools, CpcalError, Floats, Ints, floats, norms
+from cpcal.common.errors import CpcalError
+from cpcal.common.values import ArrayLike, ArrayPair, Bools, Floats, Ints, floats, norms
 from cpcal.robot import Pose, transformed
 from cpcal.solver.compiled import compiled
 from cpcal.vision.camera import Camera

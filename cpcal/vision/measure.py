@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common import CpcalError, Floats, Indices, InputError, Ints, floats
+from cpcal.common.errors import CpcalError, InputError
+from cpcal.common.values import Floats, Indices, Ints, floats
 from cpcal.robot import Pose
 from cpcal.vision.camera import Camera
 from cpcal.vision.dots import Dots, nothing, populations, refitted

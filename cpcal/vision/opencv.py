@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common import CpcalError, unusable
+from cpcal.common.errors import CpcalError, unusable
 
 Grey8 = npt.NDArray[np.uint8]
 Grey = Grey8 | npt.NDArray[np.uint16]  # an image (height, width), or with colours (height, width, 3), blue first

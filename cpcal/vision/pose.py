@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtrc
 
-from cpcal.common import Bools, CpcalError, Floats, Ints, floats
+from cpcal.common.errors import CpcalError
+from cpcal.common.values import Bools, Floats, Ints, floats
 from cpcal.robot import Pose, quaternion_from_matrix, quaternion_from_rotation_vector, turn_between
 from cpcal.solver.compiled import compiled
 from cpcal.vision.camera import Camera

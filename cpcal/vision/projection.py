@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common import ArrayPair, Floats, Pair
+from cpcal.common.values import ArrayPair, Floats, Pair
 from cpcal.robot import Pose
 from cpcal.solver.compiled import compiled
 from cpcal.vision.camera import CAMERA_NUMBERS, JET, PACKED, Camera, jet

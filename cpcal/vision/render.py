@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.common import ArrayPair, Floats, Pair, Places
+from cpcal.common.values import ArrayPair, Floats, Pair, Places
 from cpcal.robot import Pose, transformed
 from cpcal.vision.camera import Camera
 from cpcal.vision.dots import observe_dots

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cpcal.common import ArrayLike, Floats, Ints, Numbers, Value, floats, freeze, norms, refuse, unusable
+from cpcal.common.errors import refuse, unusable
+from cpcal.common.values import ArrayLike, Floats, Ints, Numbers, Value, floats, freeze, norms
 
 MOST_DOTS = 500  # what identification takes grows with the square, and with symmetries faster
 LARGEST = 1e6  # mm: of coordinates and radii

@@ -19,10 +19,15 @@ from cpcal.checker.certificate import Given, polynomial
 from cpcal.checker.polynomial import Form, constant
 from cpcal.checker.rule import SIDES, Constraint, Problem, Unknowns
 from cpcal.checker.rule import Box as ExactBox
-from cpcal.common import AnyArray, Json, ModelError, Places, listed
+from cpcal.common.errors import ModelError
+from cpcal.common.files import listed
+from cpcal.common.values import AnyArray, Json, Places
 from cpcal.solver.interval import Box
-from cpcal.solver.network import Constraint as NetworkConstraint
-from cpcal.solver.network import ConstraintNetwork, Expr, NotExact, exactly, isolated, sqr
+from cpcal.solver.network.expression import Constraint as NetworkConstraint
+from cpcal.solver.network.expression import Expr, sqr
+from cpcal.solver.network.forms import NotExact, exactly
+from cpcal.solver.network.network import ConstraintNetwork
+from cpcal.solver.network.polynomial import isolated
 
 # ------------------------------------------------------------------------------------------------------------------
 # What a certificate is about, as the writer needs it: the exact problem, its first lines, and where weights go.

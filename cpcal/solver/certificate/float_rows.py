@@ -17,7 +17,7 @@ import numpy as np
 from cpcal.checker.leg import LegConstraint, leg_formula
 from cpcal.checker.polynomial import FIELD, READINGS, Polynomial, rotation_rows, signed, unknown
 from cpcal.checker.rule import ENDS, Box, Problem, Row, Rule, Unknowns
-from cpcal.common import ArrayPair, Bools, Floats, Indices, Places, crossed
+from cpcal.common.values import ArrayPair, Bools, Floats, Indices, Places, crossed
 from cpcal.solver.certificate.exact_network import free
 from cpcal.solver.compiled import compiled
 

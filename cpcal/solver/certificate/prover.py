@@ -23,7 +23,8 @@ import numpy as np
 from cpcal.checker import Refused
 from cpcal.checker.rule import Box as ExactBox
 from cpcal.checker.rule import Row, Rule, Weights
-from cpcal.common import Bools, Floats, floats, replacing
+from cpcal.common.files import replacing
+from cpcal.common.values import Bools, Floats, floats
 from cpcal.solver.certificate.exact_network import Statement, exact_box, free, limits, number
 from cpcal.solver.certificate.float_rows import FloatRule, Parts, Product, Square, rows_of
 from cpcal.solver.contract import Contraction, Step, StepWeights, shrunk

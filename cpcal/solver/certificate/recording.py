@@ -22,13 +22,16 @@ from cpcal.checker.files import WORK, Budget, Lines, leg_work
 from cpcal.checker.leg import POINT_WORK
 from cpcal.checker.rule import Box as ExactBox
 from cpcal.checker.rule import Problem, Unknowns
-from cpcal.common import InputError, StrPath, errors, replacing
+from cpcal.common import errors
+from cpcal.common.errors import InputError
+from cpcal.common.files import StrPath, replacing
 from cpcal.solver.accounts import ContractorUse
 from cpcal.solver.certificate.exact_network import Statement, exact_box, number
 from cpcal.solver.certificate.float_rows import at_point, failing, stretchings
 from cpcal.solver.certificate.prover import Claims, WeightProver, claims, line, written
 from cpcal.solver.contract import Verdict
-from cpcal.solver.execution import Checkpoint, Line, asked
+from cpcal.solver.execution.checkpoint_file import Checkpoint, Line
+from cpcal.solver.execution.stopping import asked
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize.bound import Minimum, Saved
 from cpcal.solver.search.search import Event, EventKind

@@ -19,7 +19,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from cpcal.common import CpcalError, InputError, StrPath, Texts, decoded, encoded, replacing, unusable, unwritable
+from cpcal.common.codec import decoded, encoded
+from cpcal.common.errors import CpcalError, InputError, unusable
+from cpcal.common.files import StrPath, replacing, unwritable
+from cpcal.common.values import Texts
 
 FORMAT = "cpcal-checkpoint/1"
 SIZE_MAX = 2**31  # bytes, unpacked

@@ -26,7 +26,7 @@ from multiprocessing.reduction import ForkingPickler
 from queue import Empty, SimpleQueue
 from typing import Any, Generic, TypeVar
 
-from cpcal.common import CpcalError, unusable
+from cpcal.common.errors import CpcalError, unusable
 from cpcal.solver.execution import stopping
 from cpcal.solver.execution.stopping import Reason, Stopped, asked, insisted
 

@@ -20,22 +20,15 @@ from functools import cached_property
 
 import numpy as np
 
-from cpcal.common import Floats, Indices, Ints
+from cpcal.common.values import Floats, Indices, Ints
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.interval.kernels import Arrays, Bounds, add, at, factor, meet, mul, neg, sub
 from cpcal.solver.interval.operations import continuous
 from cpcal.solver.linear import eliminated
-from cpcal.solver.network import (
-    ConstraintNetwork,
-    Extremes,
-    Program,
-    Reach,
-    all_partials,
-    arguments,
-    forward,
-    gradients,
-)
+from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.network.rows import Extremes
+from cpcal.solver.network.sweeps import Program, Reach, all_partials, arguments, forward, gradients
 
 
 def inside(inner: IntervalArray, outer: IntervalArray, columns: Indices) -> bool:

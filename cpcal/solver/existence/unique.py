@@ -8,10 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common import Bools, Floats, Indices, ModelError, all_finite, floats
+from cpcal.common.errors import ModelError
+from cpcal.common.values import Bools, Floats, Indices, all_finite, floats
 from cpcal.solver.existence.operators import Equalities, inside, newton_all
 from cpcal.solver.interval import Box, IntervalArray
-from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Extremes, Tape, exactly_zero, one_sided, rows_tape
+from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape, rows_tape
+from cpcal.solver.network.forms import exactly_zero
+from cpcal.solver.network.polynomial import one_sided
+from cpcal.solver.network.rows import Extremes
 
 # ------------------------------------------------------------------------------------------------------------------
 # Constraints on a box or at a point: rows that are at most zero, and proofs for all readings, or for some.

@@ -12,7 +12,8 @@ from typing import Any, ClassVar, NoReturn, Protocol, TypeAlias, overload
 
 import numpy as np
 
-from cpcal.common import ArrayLike, ArrayPair, Bools, Floats, ModelError, Names, Numbers, Shape, fill
+from cpcal.common.errors import ModelError
+from cpcal.common.values import ArrayLike, ArrayPair, Bools, Floats, Names, Numbers, Shape, fill
 from cpcal.solver.interval.numbers import (
     HasBounds,
     Interval,

@@ -8,7 +8,8 @@ import math
 
 import numpy as np
 
-from cpcal.common import Floats, Places, RoundingError
+from cpcal.common.errors import RoundingError
+from cpcal.common.values import Floats, Places
 from cpcal.solver.compiled import compiled
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -14,19 +14,9 @@ from typing import Any, ClassVar, NoReturn, SupportsFloat, TypeAlias
 
 import numpy as np
 
-from cpcal.common import (
-    ArrayLike,
-    ArrayPair,
-    Bools,
-    Floats,
-    ModelError,
-    Shape,
-    all_finite,
-    fill,
-    floats,
-    rounded_down,
-    rounded_up,
-)
+from cpcal.common.errors import ModelError
+from cpcal.common.numbers import rounded_down, rounded_up
+from cpcal.common.values import ArrayLike, ArrayPair, Bools, Floats, Shape, all_finite, fill, floats
 from cpcal.solver.compiled import in_python
 from cpcal.solver.interval import kernels
 from cpcal.solver.interval.operations import ADD, DIV, MUL, NEG, SQR, SQRT, SUB, elementwise, products, totals

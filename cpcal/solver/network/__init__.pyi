@@ -1,91 +1,24 @@
-from .expression import (
-    Constraint,
-    Expr,
-    as_expr,
-    maximum,
-    minimum,
-    norm,
-    sqr,
-    sqrt,
-    topological,
-)
-from .forms import (
-    CentredForm,
-    NotExact,
-    evaluate,
-    exactly,
-    exactly_zero,
-    with_products,
-)
-from .network import (
-    ConstraintNetwork,
-    restricted,
-)
-from .polynomial import (
-    Monomial,
-    Monomials,
-    PolynomialForms,
-    PolynomialSystem,
-    isolated,
-    one_sided,
-    one_sided_rows,
-)
-from .rows import (
-    DecisiveReadings,
-    Extremes,
-    Rows,
-    RowValues,
-    rows_tape,
-    shared_tape,
-)
-from .sweeps import (
-    Program,
-    Reach,
-    all_partials,
-    arguments,
-    forward,
-    gradients,
-)
-from .tape import (
-    Tape,
-)
+from .expression import Constraint, Expr, maximum, minimum, norm, sqr, sqrt
+from .forms import CentredForm, evaluate
+from .network import ConstraintNetwork
+from .polynomial import PolynomialForms, PolynomialSystem, one_sided_rows
+from .rows import rows_tape
+from .tape import Tape
 
 __all__ = [
     "CentredForm",
     "Constraint",
     "ConstraintNetwork",
-    "DecisiveReadings",
     "Expr",
-    "Extremes",
-    "Monomial",
-    "Monomials",
-    "NotExact",
     "PolynomialForms",
     "PolynomialSystem",
-    "Program",
-    "Reach",
-    "RowValues",
-    "Rows",
     "Tape",
-    "all_partials",
-    "arguments",
-    "as_expr",
     "evaluate",
-    "exactly",
-    "exactly_zero",
-    "forward",
-    "gradients",
-    "isolated",
     "maximum",
     "minimum",
     "norm",
-    "one_sided",
     "one_sided_rows",
-    "restricted",
     "rows_tape",
-    "shared_tape",
     "sqr",
     "sqrt",
-    "topological",
-    "with_products",
 ]

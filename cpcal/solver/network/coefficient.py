@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common import Bools, Floats, Indices
+from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval.kernels import Arrays, Bounds, add, at, div, mul, neg, sqr
 

@@ -18,7 +18,8 @@ from typing import Any, NoReturn, TypeVar, Union
 
 import numpy as np
 
-from cpcal.common import AnyArray, Indices, Ints, ModelError, Shape, fill
+from cpcal.common.errors import ModelError
+from cpcal.common.values import AnyArray, Indices, Ints, Shape, fill
 from cpcal.solver.interval import Interval, IntervalArray
 from cpcal.solver.interval.box import has_points
 from cpcal.solver.interval.functions import PIO2

@@ -18,7 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common import Bools, Floats, ModelError
+from cpcal.common.errors import ModelError
+from cpcal.common.values import Bools, Floats
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network.expression import Constraint, Expr, Operand, as_expr, folded, topological
 from cpcal.solver.network.network import ConstraintNetwork

@@ -17,7 +17,8 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from cpcal.common import ArrayLike, Indices, ModelError, Names, Shape
+from cpcal.common.errors import ModelError
+from cpcal.common.values import ArrayLike, Indices, Names, Shape
 from cpcal.solver.interval import Box, Interval, IntervalArray
 from cpcal.solver.interval.box import checked_name, component_names, has_points
 from cpcal.solver.interval.numbers import float_bounds

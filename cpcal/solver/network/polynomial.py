@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common import Bools, Indices, Names, Shape
+from cpcal.common.values import Bools, Indices, Names, Shape
 from cpcal.solver.interval import IntervalArray
 from cpcal.solver.interval.kernels import Arrays
 from cpcal.solver.interval.operations import CODES

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common import ArrayPair, Bools, Floats, Indices
+from cpcal.common.values import ArrayPair, Bools, Floats, Indices
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import sweeps
 from cpcal.solver.network.expression import Expr

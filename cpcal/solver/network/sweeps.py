@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common import Bools, Floats
+from cpcal.common.values import Bools, Floats
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval.kernels import Arrays, Bounds, add, at, meet, mul, neg
 from cpcal.solver.interval.operations import (

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cpcal.common import Bools, Floats
+from cpcal.common.values import Bools, Floats
 from cpcal.solver.interval import IntervalArray
 from cpcal.solver.interval.kernels import check_rounding
 from cpcal.solver.interval.operations import ADD, CODES

@@ -15,11 +15,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common import Floats, Indices, Names, Places, floats
+from cpcal.common.values import Floats, Indices, Names, Places, floats
 from cpcal.solver.accounts import ContractorUse, Found, RowUse, Uses, bracket_sentence, total_use
 from cpcal.solver.compiled import TimeUp, compiling_until
 from cpcal.solver.contract import Contraction, Limits, Named, Row, Step, Strategy, Verdict, shrunk
-from cpcal.solver.execution import Line, Place, Shared, Stopped, asked
+from cpcal.solver.execution.checkpoint_file import Line
+from cpcal.solver.execution.executors import Place, Shared
+from cpcal.solver.execution.stopping import Stopped, asked
 from cpcal.solver.interval import Box, Interval
 from cpcal.solver.interval.box import Variable
 from cpcal.solver.network import ConstraintNetwork

@@ -14,12 +14,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common import Floats, Indices, all_finite, floats
+from cpcal.common.values import Floats, Indices, all_finite, floats
 from cpcal.solver.contract import Limits
 from cpcal.solver.existence.unique import reads
 from cpcal.solver.interval import Box
 from cpcal.solver.linear import Dense, LinearStatus
-from cpcal.solver.network import ConstraintNetwork, Rows, RowValues, restricted
+from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.network.network import restricted
+from cpcal.solver.network.rows import Rows, RowValues
 from cpcal.solver.optimize.witness import Equations, Prepared, Witness, WitnessProver
 
 _ITERATIONS = 60

@@ -14,7 +14,7 @@ import numpy as np
 
 from cpcal.solver.accounts import TimeoutAnswer, Trial, Uses, total_use
 from cpcal.solver.contract import Limits, Strategy
-from cpcal.solver.execution import asked
+from cpcal.solver.execution.stopping import asked
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize.witness import Witness, WitnessProver
 from cpcal.solver.search.passes import Contracting, Divide

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common import ArrayLike, Bools, Floats, Indices, Places, all_finite, floats
+from cpcal.common.values import ArrayLike, Bools, Floats, Indices, Places, all_finite, floats
 from cpcal.solver.existence.operators import Equalities
 from cpcal.solver.existence.unique import (
     ReadingConstraint,
@@ -27,16 +27,9 @@ from cpcal.solver.existence.unique import (
     upper_ends,
 )
 from cpcal.solver.interval import Box, IntervalArray
-from cpcal.solver.network import (
-    Constraint,
-    ConstraintNetwork,
-    DecisiveReadings,
-    Rows,
-    one_sided_rows,
-    rows_tape,
-    shared_tape,
-    topological,
-)
+from cpcal.solver.network import Constraint, ConstraintNetwork, one_sided_rows, rows_tape
+from cpcal.solver.network.expression import topological
+from cpcal.solver.network.rows import DecisiveReadings, Rows, shared_tape
 
 # ------------------------------------------------------------------------------------------------------------------
 # The equations of a network, as a proof of a feasible point needs them: a solution exists near an approximate one.

@@ -14,7 +14,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from cpcal.common import TINY, ArrayLike, Floats, Ints, Json, floats
+from cpcal.common.values import TINY, ArrayLike, Floats, Ints, Json, floats
 from cpcal.solver.accounts import ContractorUse, Uses
 from cpcal.solver.contract import (
     Contraction,
@@ -29,9 +29,10 @@ from cpcal.solver.contract import (
     givers,
     shrunk,
 )
-from cpcal.solver.execution import Place, Shared
+from cpcal.solver.execution.executors import Place, Shared
 from cpcal.solver.interval import Box, Boxes, IntervalArray
-from cpcal.solver.network import ConstraintNetwork, Rows
+from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.network.rows import Rows
 from cpcal.solver.search.search import Decision, EventKind, Node, Piece, Record, difference
 
 

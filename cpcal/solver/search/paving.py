@@ -10,7 +10,7 @@ import numpy as np
 
 from cpcal.solver.accounts import RowUse
 from cpcal.solver.contract import Clock, Verdict
-from cpcal.solver.execution import asked
+from cpcal.solver.execution.stopping import asked
 from cpcal.solver.existence.unique import Unique, UniquenessProver
 from cpcal.solver.interval import Box, Boxes, Interval, IntervalArray
 from cpcal.solver.interval.box import Variable

@@ -11,9 +11,11 @@ from functools import partial
 
 import numpy as np
 
-from cpcal.common import Names, __version__
+from cpcal.common.values import Names
+from cpcal.common.version import __version__
 from cpcal.solver.contract import Clock
-from cpcal.solver.execution import Checkpoint, Line, asked
+from cpcal.solver.execution.checkpoint_file import Checkpoint, Line
+from cpcal.solver.execution.stopping import asked
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.search.search import Event, EventKind, Observer, Search, Standing
 

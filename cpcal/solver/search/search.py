@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpcal.common import Indices, Names
+from cpcal.common.values import Indices, Names
 from cpcal.solver.accounts import Uses
 from cpcal.solver.contract import Contraction, Row
-from cpcal.solver.execution import Line
+from cpcal.solver.execution.checkpoint_file import Line
 from cpcal.solver.interval import Box, Boxes, Interval, IntervalArray
 from cpcal.solver.interval.kernels import check_rounding
 

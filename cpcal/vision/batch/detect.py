@@ -22,30 +22,16 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from cpcal.common import (
-    Floats,
-    Numbers,
-    __version__,
-    csv_table,
-    decoded,
-    encoded,
-    floats,
-    small_file,
-    unusable,
-    write_file,
-)
-from cpcal.robot import AXES, POSE, SHARED_COLUMNS, Pose
-from cpcal.solver.execution import (
-    Processes,
-    Reason,
-    Stopped,
-    asked,
-    executor_for,
-    heard,
-    linear_algebra_on_one_thread,
-    outcomes,
-    while_used,
-)
+from cpcal.common.codec import decoded, encoded
+from cpcal.common.documents import csv_table
+from cpcal.common.errors import unusable
+from cpcal.common.files import small_file, write_file
+from cpcal.common.values import Floats, Numbers, floats
+from cpcal.common.version import __version__
+from cpcal.robot import Pose
+from cpcal.robot.units import AXES, POSE, SHARED_COLUMNS
+from cpcal.solver.execution.executors import Processes, executor_for, linear_algebra_on_one_thread, outcomes, while_used
+from cpcal.solver.execution.stopping import Reason, Stopped, asked, heard
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.image_file import image_files, image_path, read_image
 from cpcal.vision.files.plate_and_camera import CameraRecord, camera_bytes, target_bytes

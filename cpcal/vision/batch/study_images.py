@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.common import ArrayLike, Names, Problems, unusable
+from cpcal.common.errors import Problems, unusable
+from cpcal.common.values import ArrayLike, Names
 from cpcal.robot import Pose, PoseTable, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.batch.detect import (
     POSITION,

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common import AnyArray, Floats
+from cpcal.common.values import AnyArray, Floats
 from cpcal.solver.compiled import compiled
 from cpcal.vision.opencv import Grey
 from cpcal.vision.projection import eigenvalues, solved

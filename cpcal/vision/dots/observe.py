@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from cpcal.common import AnyArray, Bools, Floats, Shape, freeze, norms
+from cpcal.common.values import AnyArray, Bools, Floats, Shape, freeze, norms
 from cpcal.vision.dots.edge import LINEAR, OUTSIDE, PLAIN, Edges, fitted_edges
 from cpcal.vision.dots.segmentation import (
     Spots,

@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from cpcal.common import AnyArray, Bools, Floats, Ints, unusable
+from cpcal.common.errors import unusable
+from cpcal.common.values import AnyArray, Bools, Floats, Ints
 from cpcal.solver.compiled import compiled
 from cpcal.vision.opencv import Grey, Grey8, opencv
 from cpcal.vision.projection import eigenvalues, median

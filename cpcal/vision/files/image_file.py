@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cpcal.common import CpcalError, small_file
+from cpcal.common.errors import CpcalError
+from cpcal.common.files import small_file
 from cpcal.vision.opencv import Grey, opencv
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")

@@ -10,32 +10,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from cpcal.common import (
-    Floats,
-    InputError,
-    Json,
-    KeyPath,
-    Names,
-    Problems,
-    StrPath,
-    Texts,
-    TomlReader,
-    Value,
-    array,
-    document,
-    fill,
-    freeze,
-    frozen_mapping,
-    one_of,
-    positive,
-    shown,
-    small_file,
-    text,
-    truth,
-    unusable,
-    whole,
-    write_file,
-)
+from cpcal.common.documents import KeyPath, TomlReader, array, document, one_of, positive, text, truth, whole
+from cpcal.common.errors import InputError, Problems, shown, unusable
+from cpcal.common.files import StrPath, small_file, write_file
+from cpcal.common.values import Floats, Json, Names, Texts, Value, fill, freeze, frozen_mapping
 from cpcal.vision.camera import BROWN, CAMERA_NUMBERS, LENSES, PIXELS_MAX, Camera, implausible
 from cpcal.vision.opencv import MissingExtraError
 from cpcal.vision.target import Target, target_from

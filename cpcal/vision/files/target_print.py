@@ -14,7 +14,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
-from cpcal.common import ArrayPair, Floats, Pair, StrPath, unusable, write_file
+from cpcal.common.errors import unusable
+from cpcal.common.files import StrPath, write_file
+from cpcal.common.values import ArrayPair, Floats, Pair
 from cpcal.vision.opencv import marker_dictionary, opencv
 from cpcal.vision.target import Board, Target, resized
 
