@@ -225,23 +225,20 @@ def degrees_as_radians(given: Given) -> Variants:
     wanted = pose.quaternion
     for form in _TAKEN:
         angles, near = _angles(form, given.pose.quaternion), _angles(form, wanted)
+        axis = np.ones(3)
         if form == _VECTOR:
             size = norms(angles)[:, None]
             axis = angles / np.maximum(size, TINY)
-            chosen = _unwrapped(size, np.sum(axis * near, axis=1, keepdims=True)) * axis
+            tried, near = size[None], np.sum(axis * near, axis=1, keepdims=True)
         else:
             proper = form[0] == form[2]  # with either of these the same rotation
             other = np.pi * np.array([1.0, not proper, 1.0]) + angles * [1.0, -1.0, 1.0]
-            tried = np.stack([_unwrapped(each, near) for each in (angles, other)])
-            nearer = np.argmin(np.abs(tried - near).max(axis=2), axis=0)
-            chosen = tried[nearer, np.arange(len(near))]
+            tried = np.stack([angles, other])
+        # + 2 pi k, read as degrees, with the whole k that bring them nearest
+        tried = (tried + 2.0 * np.pi * np.round((near * _DEGREES - tried) / (2.0 * np.pi))) / _DEGREES
+        nearer = np.argmin(np.abs(tried - near).max(axis=2), axis=0)
         name = "rotation angles are in degrees, and were taken for radians"
-        yield name, _turned(given, form, chosen)
-
-
-def _unwrapped(angles: Floats, near: Floats) -> Floats:
-    """angles + 2 pi k, read as degrees, in rad, with the whole k that bring them nearest to `near`."""
-    return (angles + 2.0 * np.pi * np.round((near * _DEGREES - angles) / (2.0 * np.pi))) / _DEGREES
+        yield name, _turned(given, form, tried[nearer, np.arange(len(near))] * axis)
 
 
 _NEWTON = 12  # steps
