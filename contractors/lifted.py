@@ -16,10 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from contractors.relaxation import Relaxation, Structure
-from cpcal.common.values import fill
 from cpcal.solver.contract import Composable, Contraction, StepWeights
 from cpcal.solver.existence.unique import reads
-from cpcal.solver.interval import Box, Floats, Indices, IntervalArray
+from cpcal.solver.interval import Box, Floats, Indices, IntervalArray, fill
 from cpcal.solver.linear import Dense, LinearSolution, LinearStatus, Programs
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted

@@ -194,7 +194,7 @@ def exported(campaign: Campaign, result: Result, frames: DrawingFrames | None = 
 def _leg(campaign: Campaign, result: Result, leg: LegResult, frames: DrawingFrames | None) -> Json:
     best, passes, bracket = leg.recommended, leg.passes_from, leg.bracket
     ranges = None if leg.ranges is None or leg.ranges.certificate is None else leg.ranges
-    columns: dict[str, Floats] = {
+    columns = {
         "nominal": np.append(campaign.robot.parameters[leg.leg - 1], np.zeros(len(result.model.extra))),
         "least_squares": fitted(campaign, result, leg, model_of(result)).x,
         "recommended": np.array(best.point),

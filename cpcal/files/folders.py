@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common.documents import KeyPath, Schema, TomlReader, array, csv_table, document, name, whole, written
+from cpcal.common.documents import KeyPath, TomlReader, array, csv_table, document, name, whole, written
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import NAME_MAX, StrPath, small_file, write_file, write_folder
 from cpcal.common.values import Floats, Json, Texts, fill, floats
@@ -165,7 +165,7 @@ def _uncertainty(reader: TomlReader, legs: int | None) -> Uncertainty | None:
         return None
     each = ((3, "three, mm"), (3, "three, rad"), (legs, "one for each leg, mm"))
     reads = [array((count,), meaning, signed=False) for count, meaning in each]
-    keys: Schema = {"factor": array((), signed=False), "exact": _exact}
+    keys = {"factor": array((), signed=False), "exact": _exact}
     sizes = dict(zip((*_SIGMA_KEYS, *_WIDTH_KEYS), reads * 2, strict=True))
     found = reader.section("uncertainty", {}, {**keys, **sizes})
     if found is None:

@@ -159,7 +159,7 @@ class Equations:
         # the middle of the sets: any parameters serve
         self.middle = self.controller + (self.basis @ self.along.mid[..., None])[..., 0]
         # mm: lengths of the legs at the centers, in floating point, make deviations mm
-        self.scale: Floats = norms(leg_vectors(robot, cells.center))
+        self.scale = norms(leg_vectors(robot, cells.center))
         among = Robot.from_parameters("middle", self.middle)
         length = norms(leg_vectors(among, cells.center))
         self.jacobian = pose_jacobian(among, cells.center) * (length / self.scale)[..., None]

@@ -31,7 +31,7 @@ from pyomo.repn.plugins.nl_writer import NLWriter
 
 from cpcal.common.version import __version__
 from cpcal.problems.nl import read_nl
-from cpcal.problems.problem import Answer, answer
+from cpcal.problems.problem import answer
 from cpcal.solver.contract import Limits, Verdict
 
 __all__ = ["CpcalConfig", "PooledSolutions", "PyomoCpcal", "SolverFactory"]
@@ -140,30 +140,26 @@ class PyomoCpcal(SolverBase):  # type: ignore[misc]
             gap_absolute=_ABSOLUTE_GAP if config.abs_gap is None else config.abs_gap,
         )
         found = answer(problem, width=config.width, limits=limits, certificate=config.certificate)
-        _translated(found, results, config, model, info.variables)
-
-
-def _translated(found: Answer, results: Results, config: CpcalConfig, model: Any, variables: Sequence[Any]) -> None:
-    results.extra_info.sentence, results.extra_info.nodes = found.status, found.nodes
-    results.extra_info.certificate, results.extra_info.verdict = config.certificate, found.verdict.value
-    if found.verdict is Verdict.REFUTED:
-        results.termination_condition = TerminationCondition.provenInfeasible
-        return
-    proved = found.verdict is not Verdict.UNKNOWN
-    reasons = (
-        (proved, TerminationCondition.convergenceCriteriaSatisfied),
-        (config.time_limit is not None, TerminationCondition.maxTimeLimit),
-        (config.node_limit is not None, TerminationCondition.iterationLimit),
-        (True, TerminationCondition.unknown),
-    )
-    results.termination_condition = next(reason for holds, reason in reasons if holds)
-    if found.objective is not None:
-        lo, hi = found.objective
-        results.objective_bound = hi if found.problem.maximize else lo
-        attained = lo if found.problem.maximize else hi
-        results.incumbent_objective = attained if math.isfinite(attained) else None
-    if found.points:
-        results.solution_loader = PooledSolutions(model, variables, found.points)
-        results.solution_status = SolutionStatus.unknown
-        if found.paving is None or any(s.verdict is Verdict.PROVED for s in found.paving.solutions):
-            results.solution_status = SolutionStatus.optimal if proved else SolutionStatus.feasible
+        results.extra_info.sentence, results.extra_info.nodes = found.status, found.nodes
+        results.extra_info.certificate, results.extra_info.verdict = config.certificate, found.verdict.value
+        if found.verdict is Verdict.REFUTED:
+            results.termination_condition = TerminationCondition.provenInfeasible
+            return
+        proved = found.verdict is not Verdict.UNKNOWN
+        reasons = (
+            (proved, TerminationCondition.convergenceCriteriaSatisfied),
+            (config.time_limit is not None, TerminationCondition.maxTimeLimit),
+            (config.node_limit is not None, TerminationCondition.iterationLimit),
+            (True, TerminationCondition.unknown),
+        )
+        results.termination_condition = next(reason for holds, reason in reasons if holds)
+        if found.objective is not None:
+            lo, hi = found.objective
+            results.objective_bound = hi if found.problem.maximize else lo
+            attained = lo if found.problem.maximize else hi
+            results.incumbent_objective = attained if math.isfinite(attained) else None
+        if found.points:
+            results.solution_loader = PooledSolutions(model, info.variables, found.points)
+            results.solution_status = SolutionStatus.unknown
+            if found.paving is None or any(s.verdict is Verdict.PROVED for s in found.paving.solutions):
+                results.solution_status = SolutionStatus.optimal if proved else SolutionStatus.feasible

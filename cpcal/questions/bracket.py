@@ -25,7 +25,7 @@ from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.optimize.bound import Bracket, Minimum, Progress, minimize, run
 from cpcal.solver.optimize.timeout import TimeoutOutcome, ask, timeout
 from cpcal.solver.optimize.witness import Prepared, Witness
-from cpcal.solver.search.passes import Contracting, LargestFirst, Proof, StepProver
+from cpcal.solver.search.passes import Contracting, LargestFirst, Proof
 
 # ------------------------------------------------------------------------------------------------------------------
 # One leg, or some of its measurements, set up for the searches about it.
@@ -120,7 +120,7 @@ class LegProver:
     def __init__(self, leg: PreparedLeg, domain: Box, statement: Statement) -> None:
         question = leg.question
         self._asked = (question.campaign, leg.leg, question.model, domain, leg.only)
-        self._prover: StepProver | None = WeightProver(statement)
+        self._prover = WeightProver(statement)
 
     def __call__(self, box: Box, proposed: Contraction) -> Proof:
         if self._prover is None:

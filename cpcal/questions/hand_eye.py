@@ -331,7 +331,6 @@ def certify_hand_eye(
     certificates: Path | None = None,
     time_limit: float = math.inf,
     at: Sequence[float] | None = None,
-    seed: int = 0,
     tell: Tell = lambda text: None,
 ) -> HandEyeResult:
     """Bracket eps* of a study, and the ranges of its parameters; or prove which images are wrong.
@@ -361,7 +360,7 @@ def certify_hand_eye(
     )
     searched = within or Within()
     study = replace(study, known=searched.known)
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     left = trimmed_fit(study, outliers, random) if outliers else []
     kept = [k for k in every if k not in left]
     part = study.part(np.array(kept)) if left else study

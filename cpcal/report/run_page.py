@@ -231,7 +231,7 @@ def _origin(campaign: Campaign, result: Result) -> Section:
     widths = ", ".join(f"{name} = {width!r}" for name, width in options.half_widths.items())
     where = "CAMPAIGN: the folder of the campaign with the SHA-256 above"
     where += f", with the half-widths {widths} in its [model]" * bool(widths)
-    data: dict[str, Words] = {
+    data = {
         "Campaign, SHA-256": Mark(claim(result.campaign.sha256, "campaign"), "code"),
         "To repeat the run": (Mark(command(result), "command"), Mark(f"{where}. RUN: a new folder.", "small")),
     }
@@ -453,7 +453,7 @@ def write_comparison(found: Compared, folder: StrPath, *, stopped: bool = False,
         ],
     )
     about = "FOLDER: where this page is. It holds a run of each model, with its certificates and a page of its own."
-    rests: dict[str, Words] = {
+    rests = {
         "Campaign, SHA-256": Mark(first.campaign.sha256, "code"),
         "To check the proofs again": (Mark("cpcal verify FOLDER --campaign CAMPAIGN", "command"), Mark(about, "small")),
     }

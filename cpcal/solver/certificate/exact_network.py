@@ -246,7 +246,7 @@ class ExactPolynomials:
 
     def __init__(self, network: ConstraintNetwork) -> None:
         places = network.places.items()
-        self._known: dict[bytes, Objects] = {leaf: np.asarray(_unknowns(k), object) for leaf, k in places}
+        self._known = {leaf: np.asarray(_unknowns(k), object) for leaf, k in places}
 
     def of(self, root: Expr) -> Objects:
         """Raises NotStated."""

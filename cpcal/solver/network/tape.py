@@ -186,7 +186,7 @@ class _Writer:
         data = [leaf.data for leaf in (*constants, *self.readings)]
         bounds = ([values.lo for values in data], [values.hi for values in data])
         self.leaves = IntervalArray(*(np.concatenate([np.zeros(0), *map(np.ravel, side)]) for side in bounds))
-        self._blocks: list[Places] = [np.zeros((0, 4), np.int32)]  # code, two arguments, exponent
+        self._blocks = [np.zeros((0, 4), np.int32)]  # code, two arguments, exponent
         self._single: list[tuple[int, int, int, int]] = []  # operations after them
         for node in nodes:
             if node.args:

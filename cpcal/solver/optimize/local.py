@@ -289,7 +289,7 @@ class Incumbent:
         self._prepared, self._limits, self._deadline = prepared, limits, deadline
         self._one_value = bool(self.domain.lo[self.objective] == self.domain.hi[self.objective])
         self.calls = 0  # of `propose`
-        self.witness: Witness | None = None if best is None else best.witness
+        self.witness = None if best is None else best.witness
 
     @property
     def hi(self) -> float:
