@@ -241,8 +241,9 @@ class _Weights(StepWeights):
         fill(self, _form=partial(programs.weights, solution))
 
     def __getattr__(self, name: str) -> Any:
-        fill(self, **vars(self._form()))
-        return vars(self)[name]
+        formed = self._form()
+        fill(self, **vars(formed))
+        return getattr(formed, name)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return StepWeights, (self.rows, self.products, self.tangents)
