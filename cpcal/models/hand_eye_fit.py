@@ -608,7 +608,7 @@ FEWEST = 4  # images of a group
 _TRIALS = 30  # of random images that the fit starts from
 
 
-_STARTS, _SCATTER = 16, (0.3, 1.0)  # other places that the fit begins at; how far they are, in turn, of `reach`
+_STARTS, _SCATTER = 16, (0.3, 0.1, 1.0, 0.2)  # other places that the fit begins at; how far off, in turn, of `reach`
 
 
 def best_frames(
@@ -616,14 +616,14 @@ def best_frames(
 ) -> ReadFrames:
     """The frames of the least largest error that local fits find, and the readings of uncertain poses.
 
-    The first begins at the classical answer. Of exact poses others begin at `random` places around it: real data have
-    several minima, and at one that is not the least no bracket closes.
+    The first begins at the classical answer. Of exact poses others begin at `random` places around the best so far:
+    real data have several minima, often side by side, and at one that is not the least no bracket closes.
     """
-    model, start = PixelModel(study), ReadFrames(classical.frames, classical.readings)
-    best, value = minimax_fit(model, start)
+    model = PixelModel(study)
+    best, value = minimax_fit(model, ReadFrames(classical.frames, classical.readings))
     scattered = () if random is None or study.uncertain else random.normal(size=(_STARTS, model.size))
     for k, away in enumerate(scattered):
-        at = model.moved(start, away * model.reach(start) * _SCATTER[k % len(_SCATTER)])
+        at = model.moved(best, away * model.reach(best) * _SCATTER[k % len(_SCATTER)])
         if np.isfinite(excess(model, at)):
             found, lower = minimax_fit(model, at, restarts=0)
             if lower < value:
