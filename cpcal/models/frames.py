@@ -37,8 +37,9 @@ Tell = Callable[[str], None]
 _ROTATIONS = (*R_X, *R_F)
 _SPREAD, _UNCERTAIN = 9, 24  # images whose poses are bounded: where the robot's poses are exact, and where not
 _FEWEST = 3
-_BOXES = 256
+_BOXES, _FEW_BOXES = 256, 32  # where halves are sought; where their hull goes on
 COARSE = 0.5  # an entry of a rotation's matrix that is wider leaves its turn open
+_NARROW = COARSE / 2.0  # of the camera's: the board's middle alone bounds it to that
 _GAIN = {"image": 0.05, "links": 0.1, "places": 0.05, "frames": 0.05}  # share of the widths that a pass must take away
 
 
@@ -200,7 +201,7 @@ class Prover:
             linked = name if uncertain else f"{name}-links"
             before = self._proof(linked, "links", before, eps, sorted(sets) or images, end)
         if before.open and not uncertain:
-            before = self._proof(f"{name}-places", "places", before, eps, images, end, _BOXES, COARSE / 2.0)
+            before = self._proof(f"{name}-places", "places", before, eps, images, end, _FEW_BOXES, _NARROW)
         if before.refuted or uncertain:
             return before
         return self._proof(name, "frames", before, eps, images, end)
@@ -230,8 +231,10 @@ class Prover:
             "places": ((*R_X, *E_, *F_), R_X, (), R_F),
             "frames": ((*_ROTATIONS, *E_, *F_), _ROTATIONS, (*T_F, *T_X)),
         }
-        gain = _GAIN[stage] * (2.0 if coarse else 1.0)  # in many boxes a pass must pay more
-        found = Descent(System(rows, lifted, *columns[stage]), gain, boxes, coarse, end=end, tell=say).over(rows.root)
+        gain = _GAIN[stage] * (1.0 if boxes == 1 else 2.0 if coarse else 4.0)  # in many boxes a pass must pay more
+        system = System(rows, lifted, *columns[stage])
+        first = System(rows, lifted, *columns["places"]) if stage == "frames" and boxes > 1 else None
+        found = Descent(system, gain, boxes, coarse, end=end, tell=say, first=first, narrow=_NARROW).over(rows.root)
         header = {
             "format": FORMAT, "study": self.digest, "stage": of, "images": list(images), "eps": number(eps),
             "asked": self.asked, "after": before.certificate, "poses": list(before.poses),

@@ -26,7 +26,7 @@ from cpcal.checker.readers import Refused, dyadic
 from cpcal.cli import app
 from cpcal.common.errors import InputError
 from cpcal.models import frames, hand_eye_fit
-from cpcal.models.frames import PlacedFrames, Prover, exact, exact_study
+from cpcal.models.frames import PlacedFrames, Proof, Prover, exact, exact_study
 from cpcal.models.hand_eye import (
     HandEyeFrames,
     HandEyeStudy,
@@ -256,6 +256,24 @@ def test_the_boards_middle_bounds_the_cameras_turn_where_single_images_bound_non
     assert (np.array(left.lo[:24], float) <= x).all()
     assert (x <= np.array(left.hi[:24], float)).all()
     assert max(np.subtract(left.hi, left.lo)[list(R_X)]) < 0.2
+
+
+@pytest.mark.parametrize("around", [2.0, 0.1])
+def test_halves_with_a_wide_turn_of_the_camera_ask_the_boards_middle_alone(monkeypatch, around):
+    """One pass, in the box of all turns of the camera and in one of a few degrees: its rows."""
+    found = simulate_hand_eye(images=5, corners=(3, 3), pitch=12.0, seed=1)
+    study, center = found.study, PlacedFrames.of(found.truth)
+    prover = Prover(study, center.numbers, 100.0, None, found.truth, lambda text: None)
+    monkeypatch.setattr("cpcal.solver.certificate.prover._VAIN", -1)
+    monkeypatch.setitem(frames._GAIN, "frames", 1.0)
+    root, turn = prover.root, exact(found.truth.e_rotation.T.ravel())
+    for i, value in zip(R_X, turn, strict=True):
+        root = root.replaced(i, lo=max(root.lo[i], value - F(around)), hi=min(root.hi[i], value + F(around)))
+    ((_, proved),) = prover.over("", range(5), 20.0, wide=Proof(30.0, root, None)).files.values()
+    middle = np.flatnonzero(np.all(np.array(study.points) == np.array(prover.board, float), axis=1))
+    seen = {k for side, k, *_ in proved.steps[0]["rows"] if side[0] in "uv"}
+    assert seen
+    assert (seen <= set(middle.tolist())) == (around > 1.0)
 
 
 @pytest.mark.parametrize("at", [None, (0.0, 0.0, 0.0), (-150.0, 200.0, 900.0)])

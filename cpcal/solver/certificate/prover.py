@@ -283,7 +283,7 @@ _PAYS = 0.7  # median share of the widths that programs with few columns must le
 _NEGLIGIBLE = 0.003  # half-widths: programs that give away no more of products need no more columns
 _PASSES = 80
 _WIDE = 1.0  # of an entry of a rotation: columns of all products gain little in the next box where they did in this one
-_VAIN = 5  # halvings in a row after which passes gain little: the next one would hardly help
+_VAIN = 5  # halvings in a row after which passes gain little: the next one would hardly help; twice so many of `first`
 _NOTHING = 1e-99  # coefficients below it are none
 _NOISE = 2e-15  # of rounding, as a share of the sum of a row's terms
 
@@ -421,7 +421,8 @@ class Descent:
     then halves the widest entry of a rotation where it is wider than `coarse`, in at most so many `boxes`. With a
     `coarse` of 0 it seeks to prove that nothing is left, and ends where a box stays.
 
-    loss  share of what is left of a width, given away for shorter numbers
+    first  a few of the rows: these alone in a box where one of its turns is wider than `narrow`
+    loss   share of what is left of a width, given away for shorter numbers
     """
 
     system: System
@@ -431,6 +432,8 @@ class Descent:
     loss: float = 0.02
     end: float = math.inf
     tell: Callable[[ExactBox | None], None] = lambda box: None
+    first: System | None = None
+    narrow: float = math.inf
     found: Contracted = field(init=False, default_factory=Contracted)
 
     def over(self, root: ExactBox) -> Contracted:
@@ -443,11 +446,12 @@ class Descent:
             if box is None:
                 continue
             vain = vain + 1 if self._gained_little(whole, box) else 0
-            i, width = self._widest(box)
-            full = fresh + 1 > 2 * self.boxes - 2 or time.monotonic() > self.end
-            if full or vain > _VAIN or width < self.coarse:
+            own = self._of(box)
+            i, width = _widest(own, box)
+            enough = vain > 2 * _VAIN if own is self.first else vain > _VAIN or width < self.coarse
+            if enough or fresh + 1 > 2 * self.boxes - 2 or time.monotonic() > self.end:
                 if system.derived and steps:
-                    box, _ = self._once_over(name, box, 0.0, system.derived)
+                    box, _ = self._once_over(system, name, box, 0.0, system.derived)
                 left += [] if box is None else [box]
                 if left and not self.coarse:
                     break
@@ -462,7 +466,13 @@ class Descent:
         return self.found
 
     def _gained_little(self, before: ExactBox, after: ExactBox) -> bool:
-        return bool(np.exp(np.log(_shares(before, after, self.system.asked) + 1e-9).mean()) > 1.0 - self.gain)
+        shares = _shares(before, after, self._of(before).asked)
+        return bool(np.exp(np.log(shares + 1e-9).mean()) > 1.0 - self.gain)
+
+    def _of(self, box: ExactBox) -> System:
+        """The rows that count in a box."""
+        first = self.first
+        return self.system if first is None or _widest(first, box)[1] < self.narrow else first
 
     def _passes(self, name: int, box: ExactBox, vain: int) -> ExactBox | None:
         """What passes leave of a box, until one gains too little; `vain`: of the boxes before it, so many did."""
@@ -472,7 +482,7 @@ class Descent:
                 break
             left = self._best(name, box, vain)
             self.tell(left)
-            if left is None or self._gained_little(box, left):
+            if left is None or (self._gained_little(box, left) and self._of(box) is self._of(left)):
                 return left
             box = left
         return box
@@ -480,28 +490,25 @@ class Descent:
     def _best(self, name: int, box: ExactBox, vain: int) -> ExactBox | None:
         """With columns of a few products, and of all where that gained too little; but in a wide box only where the one
         before it gained from that."""
-        asked = self.system.asked
-        left, given_away = self._once_over(name, box, _COARSELY, asked)
-        if left is None or given_away < _NEGLIGIBLE or np.median(_shares(box, left, asked)) <= _PAYS:
+        system = self._of(box)
+        left, given_away = self._once_over(system, name, box, _COARSELY, system.asked)
+        if left is None or given_away < _NEGLIGIBLE or np.median(_shares(box, left, system.asked)) <= _PAYS:
             return left
-        if vain and self._widest(left)[1] > _WIDE:
+        if vain and _widest(system, left)[1] > _WIDE:
             return left
-        return self._once_over(name, left, 0.0, asked)[0]
+        return self._once_over(system, name, left, 0.0, system.asked)[0]
 
-    def _widest(self, box: ExactBox) -> tuple[int, F]:
-        """The entry of a rotation that is known least, and how wide it is."""
-        widths = [(k, box.hi[k] - box.lo[k]) for k in self.system.turns]
-        return max(widths, key=itemgetter(1))
-
-    def _once_over(self, name: int, box: ExactBox, share: float, asked: Sequence[int]) -> tuple[ExactBox | None, float]:
+    def _once_over(
+        self, system: System, name: int, box: ExactBox, share: float, asked: Sequence[int]
+    ) -> tuple[ExactBox | None, float]:
         """Two programs for each unknown that is asked for; what is proved of them is a step.
 
         And what the programs gave away of products, at most, in half-widths.
         """
-        step = _Pass(self.system, box, share, asked is self.system.derived)
+        step = _Pass(system, box, share, asked is system.derived)
         left = step.left(asked, self.loss)
         self.found.programs += step.programs
-        record = _record(step.rows, name, None, step.exclusion, step.bounds, families=self.system.wrong > 0)
+        record = _record(step.rows, name, None, step.exclusion, step.bounds, families=system.wrong > 0)
         self.found.steps += [] if record is None else [record]
         return left, step.given_away
 
@@ -620,6 +627,11 @@ class _Pass:
                     break
             out.append((max if side == "lo" else min)(found, key=itemgetter(0)))
         return out
+
+
+def _widest(system: System, box: ExactBox) -> tuple[int, F]:
+    """The entry of a rotation that is known least, and how wide it is."""
+    return max(((k, box.hi[k] - box.lo[k]) for k in system.turns), key=itemgetter(1))
 
 
 def _shares(before: ExactBox, after: ExactBox, asked: Sequence[int]) -> Floats:
