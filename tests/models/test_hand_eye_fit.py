@@ -101,11 +101,11 @@ def test_the_best_frames_are_found_from_a_start_whose_own_fit_ends_in_another_mi
 
 
 def test_the_fit_goes_on_from_the_best_minimum_so_far_where_many_lie_side_by_side():
-    """Turns of the robot that are wrong by radians: places around the classical answer alone lead to 77 px."""
+    """Turns of the robot that are wrong by radians: places around the classical answer alone lead to 58 px or more."""
     errors = {"pixel_error": 8.0, "position_error": 5.0, "rotation_error": 2.0}
     study = simulate_hand_eye(setup="eye-to-hand", images=8, corners=(3, 3), pitch=12.0, seed=4, **errors).study
     found = best_frames(study, classical_answer(study), np.random.default_rng(0))
-    assert excess(PixelModel(study), found) < 60.0
+    assert excess(PixelModel(study), found) < 56.0
 
 
 def test_a_hand_that_does_not_turn_is_refused():

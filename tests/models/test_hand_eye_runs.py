@@ -271,7 +271,7 @@ def test_halves_with_a_wide_turn_of_the_camera_ask_the_boards_middle_alone(monke
         root = root.replaced(i, lo=max(root.lo[i], value - F(around)), hi=min(root.hi[i], value + F(around)))
     ((_, proved),) = prover.over("", range(5), 20.0, wide=Proof(30.0, root, None)).files.values()
     middle = np.flatnonzero(np.all(np.array(study.points) == np.array(prover.board, float), axis=1))
-    seen = {k for side, k, *_ in proved.steps[0]["rows"] if side[0] in "uv"}
+    seen = {k for step in proved.steps for side, k, *_ in step["rows"] if side[0] in "uv"}
     assert seen
     assert (seen <= set(middle.tolist())) == (around > 1.0)
 
