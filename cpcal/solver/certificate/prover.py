@@ -450,8 +450,8 @@ class Descent:
             i, width = _widest(own, box)
             enough = vain > 2 * _VAIN if own is self.first else vain > _VAIN or width < self.coarse
             if enough or fresh + 1 > 2 * self.boxes - 2 or time.monotonic() > self.end:
-                if system.derived and steps:
-                    box, _ = self._once_over(system, name, box, 0.0, system.derived)
+                for share in (0.0, _COARSELY) if system.derived and steps else ():  # one side's programs may fail
+                    box = None if box is None else self._once_over(system, name, box, share, system.derived)[0]
                 left += [] if box is None else [box]
                 if left and not self.coarse:
                     break
