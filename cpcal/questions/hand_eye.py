@@ -331,6 +331,7 @@ def certify_hand_eye(
     certificates: Path | None = None,
     time_limit: float = math.inf,
     at: Sequence[float] | None = None,
+    seed: int = 0,
     tell: Tell = lambda text: None,
 ) -> HandEyeResult:
     """Bracket eps* of a study, and the ranges of its parameters; or prove which images are wrong.
@@ -345,6 +346,7 @@ def certify_hand_eye(
     time_limit    seconds for each of the proofs; what is proved until then is stated
     at            mm, in the camera frame: how well a point there is known; default on its axis, as far away as the
                   target was on average
+    seed          of the places and the images that fits begin with
 
     Raises InputError for a point that is none, for studies without a classical answer, for one whose points lie outside
     of the box or, where values are known, behind the camera, and for fewer than four images a group.
@@ -360,7 +362,7 @@ def certify_hand_eye(
     )
     searched = within or Within()
     study = replace(study, known=searched.known)
-    random = np.random.default_rng(0)
+    random = np.random.default_rng(seed)
     left = trimmed_fit(study, outliers, random) if outliers else []
     kept = [k for k in every if k not in left]
     part = study.part(np.array(kept)) if left else study
