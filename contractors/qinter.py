@@ -8,9 +8,9 @@ Why the hull can be had exactly. Boxes that meet pairwise have a common point (H
 of them have one exactly if leaving out at most q makes the others meet pairwise: if the graph of the pairs that do not
 meet has a vertex cover of at most q. The smallest value of a component over all such points is the lower end of one
 of the boxes, namely one of the q + 1 greatest such ends, since N - q boxes must begin before it; each is tried on the
-boxes that contain it. In n dimensions that is 2 n (q + 1) graphs of O(n N^2) each and a search of O(2^q N) in each
-graph, where a box that does not meet more than q others is left out at once. In one dimension it is the sweep over
-sorted ends; intersecting those sweeps over all dimensions (the usual relaxation) can be much wider.
+boxes that contain it. In n dimensions that is 2 n (q + 1) graphs of O(n N^2) each and a search of O(2^q N^2) in each
+graph. In one dimension it is the sweep over sorted ends; intersecting those sweeps over all dimensions (the usual
+relaxation) can be much wider.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from contractors.hc4 import HC4
+from cpcal.checker.rule import hitting_set
 from cpcal.solver.contract import Composable, Contraction, Contractor, contracted, narrowed
-from cpcal.solver.interval import Bools, Box, Floats, IntervalArray
+from cpcal.solver.interval import Box, Floats, IntervalArray
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted
 
@@ -71,7 +72,7 @@ def q_intersection(boxes: IntervalArray, q: int) -> IntervalArray | None:
     if q < 0:
         return None
     lo, hi = boxes.lo[alive], boxes.hi[alive]
-    if not _coverable(_apart(lo, hi), q):
+    if not _coverable(lo, hi, q):
         return None
     below = [_least(lo, hi, k, q) for k in range(lo.shape[1])]
     above = [-_least(-hi, -lo, k, q) for k in range(lo.shape[1])]
@@ -84,33 +85,12 @@ def _least(lo: Floats, hi: Floats, k: int, q: int) -> float:
     for value in candidates[:-1]:
         through = (lo[:, k] <= value) & (value <= hi[:, k])
         left = q - int(np.count_nonzero(~through))
-        if left >= 0 and _coverable(_apart(lo[through], hi[through]), left):
+        if left >= 0 and _coverable(lo[through], hi[through], left):
             return float(value)
     return float(candidates[-1])
 
 
-def _apart(lo: Floats, hi: Floats) -> Bools:
-    """Which pairs of boxes have no common point."""
-    apart = np.zeros((len(lo), len(lo)), bool)
-    for k in range(lo.shape[1]):
-        apart |= lo[:, k][:, None] > hi[:, k][None, :]
-    return apart | apart.T
-
-
-def _coverable(graph: Bools, budget: int) -> bool:
-    """Whether at most `budget` vertices touch all edges: the vertex of most edges is taken, or all its neighbours."""
-    degree = graph.sum(axis=1)
-    edges = int(degree.sum()) // 2
-    if edges == 0:
-        return True
-    vertex = int(np.argmax(degree))
-    most = int(degree[vertex])
-    if edges > budget * most:
-        return False
-    without = np.delete(np.delete(graph, vertex, 0), vertex, 1)
-    if _coverable(without, budget - 1):
-        return True
-    if most == 1 or most > budget:  # single edges: one end is as good as the other
-        return False
-    rest = np.flatnonzero(~graph[vertex])
-    return _coverable(graph[np.ix_(rest, rest)], budget - most)
+def _coverable(lo: Floats, hi: Floats, q: int) -> bool:
+    """Whether all but at most q boxes meet pairwise."""
+    apart = np.argwhere((lo[:, None] > hi).any(axis=2)).tolist()
+    return hitting_set([frozenset(pair) for pair in apart], q) is not None

@@ -37,7 +37,7 @@ from .readers import (
     text,
     whole,
 )
-from .rule import Box, Constraint, Images, Problem, Row, Rule, Unknowns, Weights, meeting
+from .rule import Box, Constraint, Images, Problem, Row, Rule, Unknowns, Weights, hitting_set
 
 # what a certificate claims, and what of it was accepted --------------------------------------------------------------
 
@@ -460,8 +460,8 @@ class _Check:
         for *bound, sets in proofs:
             if self.problem.wrong:
                 tags = ({self.problem.tag(*rows[n][:2]) for n, weight in one.rows if weight} for one in sets)
-                family = (frozenset(tag for tag in found if tag is not None) for found in tags)
-                if meeting(family, self.problem.wrong, self.lines.spend):
+                family = {frozenset(tag for tag in found if tag is not None) for found in tags}
+                if hitting_set(family, self.problem.wrong, self.lines.spend) is not None:
                     raise Refused("so many wrong dots could spoil all of its weights", "proof")
             if not bound:
                 if all(map(rule.excludes, sets)):

@@ -63,7 +63,7 @@ from .readers import (
     up,
     whole,
 )
-from .rule import Box, Problem, meeting
+from .rule import Box, Problem, hitting_set
 
 STUDY_FORMAT = "cpcal-study/1"
 # 12 images of any rotation take 12,000,000 units
@@ -386,7 +386,7 @@ class _Run:
             family.append(frozenset(name for name in group["images"] if name != beside))
         if len(set(family)) < len(family):
             raise Refused("names a group of images twice")
-        if not family or meeting(family, self.outliers(), self.certificates.budget.spend):
+        if not family or hitting_set(family, self.outliers(), self.certificates.budget.spend) is not None:
             raise Refused("has groups of images that so many wrong ones could spoil")
         return claims
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
 from functools import cached_property
+from itertools import chain
 from typing import Any, NamedTuple
 
 from .polynomial import (
@@ -300,18 +302,22 @@ class Rule:
         return least(p, signed(len(self.x)))
 
 
-def meeting(family: Iterable[frozenset[int]], most: int, spend: Spend) -> bool:
-    """Whether some `most` numbers meet all sets: one of each set that is not met is tried after the other."""
+def hitting_set(
+    family: Collection[frozenset[Any]], most: int, spend: Callable[[int], Any] = _none
+) -> frozenset[Any] | None:
+    """At most `most` numbers of which every set of the family holds one; None where there are none.
 
-    def met(left: list[frozenset[int]], budget: int) -> bool:
-        if not left:
-            return True
-        if budget == 0:
-            return False
-        for k in min(left, key=len):
-            spend(20 + len(left))
-            if met([one for one in left if k not in one], budget - 1):
-                return True
-        return False
-
-    return met(sorted(set(family), key=len), most)
+    Each number meets no more sets than it is in; of a smallest set one after the other is tried, of many sets first.
+    """
+    if not family:
+        return frozenset()
+    counts = Counter(chain.from_iterable(family))
+    spend(20 + counts.total())
+    if len(family) > most * max(counts.values(), default=0):
+        return None
+    smallest = min(family, key=len)
+    for k in sorted(smallest, key=lambda k: (-counts[k], k)):
+        found = hitting_set([one for one in family if k not in one], most - 1, spend)
+        if found is not None:
+            return found | {k}
+    return None

@@ -25,7 +25,7 @@ from .readers import (
     same,
     shown,
 )
-from .rule import Box, Problem, meeting
+from .rule import Box, Problem, hitting_set
 
 T = TypeVar("T")
 RESULT_NAME, INFORMATION = "result.json", "information"
@@ -295,7 +295,7 @@ class _Leg:
         names: Names = ()
         if not family:
             nothing_beside(bracket, "lo")
-        elif meeting([proof.used for proof in family], outliers, self.certificates.budget.spend):
+        elif hitting_set([proof.used for proof in family], outliers, self.certificates.budget.spend) is not None:
             raise Refused("states a bound, but so many wrong measurements could spoil all of its proofs")
         else:
             bounds = [proof.claims.eps_lo for proof in family]

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cpcal.checker.rule import hitting_set
 from cpcal.common.values import Floats, Indices, Json, Names, Places
 from cpcal.models import built_in, exactly_read, leg_box, model_statement, of_measurements
 from cpcal.questions.bracket import (
@@ -38,7 +39,7 @@ from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.execution.stopping import Reason, Stopped, asked
 from cpcal.solver.interval import Box
 from cpcal.solver.network.rows import Rows
-from cpcal.solver.optimize.bound import Alone, Bracket, Minimum, hitting_set, support
+from cpcal.solver.optimize.bound import Alone, Bracket, Minimum, support
 from cpcal.solver.optimize.local import Known, fit
 from cpcal.solver.optimize.witness import Prepared, verify_point
 

@@ -1,7 +1,7 @@
 """eps* when some measurements may be wrong: found, proved whichever they are, and never above what trying all gives."""
 
 from dataclasses import replace
-from itertools import combinations, count
+from itertools import count
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,7 +16,6 @@ from cpcal.questions import leg as robust
 from cpcal.robot import Robot
 from cpcal.simulate import simulate
 from cpcal.solver.certificate.recording import Recording, UncheckableError
-from cpcal.solver.optimize.bound import hitting_set
 
 
 def campaign(measurements, wrong, seed=1, error=3.0):
@@ -118,23 +117,6 @@ def test_the_bracket_is_that_of_the_best_choice_among_all():
         best = min(best, alone.bracket.hi)
         assert leg.bracket.lo <= alone.bracket.hi * (1.0 + 1e-4)
     assert leg.bracket.hi == pytest.approx(best, rel=1e-3)
-
-
-def test_a_hitting_set_meets_every_set_and_none_is_missed():
-    rng = np.random.default_rng(0)
-    for _ in range(200):
-        family = [
-            frozenset(rng.choice(8, rng.integers(1, 5), replace=False).tolist()) for _ in range(rng.integers(0, 7))
-        ]
-        most = int(rng.integers(0, 4))
-        found = hitting_set(family, most)
-        possible = any(
-            all(set(chosen) & one for one in family) for n in range(most + 1) for chosen in combinations(range(8), n)
-        )
-        assert (found is not None) == possible
-        if found is not None:
-            assert len(found) <= most
-            assert all(found & one for one in family)
 
 
 def test_a_proof_that_cannot_be_written_takes_the_others_with_it_until_there_is_room(tmp_path, monkeypatch):

@@ -7,8 +7,7 @@ Below, the contractors raise the objective's lower bound; above, a local fit pro
 from __future__ import annotations
 
 import time
-from collections import Counter
-from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import NamedTuple
@@ -515,36 +514,3 @@ def support(problem: Prepared, found: Minimum, gap: float, solve: Solve) -> Plac
             break
         chosen = more
     return tuple(sorted({k for _, k in found.rows}))
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Small sets that meet all of a family: what must be left out before none of several proofs holds.
-
-
-def hitting_set(family: Sequence[Collection[int]], most: int) -> frozenset[int] | None:
-    """At most `most` numbers of which every set of the family holds one; None when there are none.
-
-    Exact: a set that is not met must lose one of its members, and all are tried, those of many sets first.
-    """
-    if not family:
-        return frozenset()
-    if most == 0 or _apart(family) > most:
-        return None
-    smallest = min(family, key=len)
-    counts = Counter(k for one in family for k in one)
-    for k in sorted(smallest, key=lambda k: (-counts[k], k)):
-        found = hitting_set([one for one in family if k not in one], most - 1)
-        if found is not None:
-            return found | {k}
-    return None
-
-
-def _apart(family: Sequence[Collection[int]]) -> int:
-    """How many sets of the family have no common member, chosen greedily: so many numbers are needed at least."""
-    taken: set[int] = set()
-    count = 0
-    for one in sorted(family, key=len):
-        if taken.isdisjoint(one):
-            taken.update(one)
-            count += 1
-    return count
