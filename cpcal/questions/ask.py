@@ -85,9 +85,8 @@ def certify(
     With `outliers` all holds whichever so many measurements of a leg are wrong, nobody knows which.
 
     With `support` "none" no support is sought. `certificates` names a folder for `legN.cert.jsonl`, which prove the
-    answers to `cpcal verify`: then
-    every step of a contractor that gives weights (lifted) is proved once more in exact arithmetic before it counts for
-    the answer. All contractors take part.
+    answers to `cpcal verify`: then every step is proved once more in exact arithmetic before it counts for the answer,
+    and contractors that give no weights (all but lifted) take no part, where another one gives some.
     Certificates replace those of an earlier run, and its answers, when all legs are done.
 
     `method` "bound" is branch and bound on eps; "timeout" is the method of the paper's section 5.2.1, which asks a

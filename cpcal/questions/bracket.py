@@ -278,8 +278,7 @@ def by_timeout(leg: PreparedLeg, start: Floats, tell: Progress) -> Answered:
             said = claims(cap, refuted=refuted, lo=cap if refuted else None, point=point)
             name, lost = written(leg.question, f"leg{leg.leg}", recording, said)
             uses = uses if proof is None else recording.credited(uses)
-    hi, checked = np.inf if best is None else best.value, [t.eps for t in trials if t.checked]
-    lo = max(checked, default=0.0) if statement is not None else trials[-1].lo if trials else 0.0
+    lo, hi = trials[-1].lo if trials else 0.0, np.inf if best is None else best.value
     closed = hi - lo <= max(limits.gap * hi, limits.gap_absolute)
     found = Minimum(
         lo=lo,

@@ -11,12 +11,9 @@ import numpy as np
 
 from cpcal.common.numbers import at_least, gap_text
 from cpcal.solver.contract import Named, Verdict, elements
-from cpcal.solver.interval import Box
 
 if TYPE_CHECKING:
     from cpcal.solver.network import ConstraintNetwork
-
-_DIGITS = 10  # of two lower bounds that differ
 
 
 @dataclass(frozen=True)
@@ -69,23 +66,6 @@ class Trial:
     programs: int
     seconds: float
     checked: bool
-
-
-@dataclass(frozen=True)
-class Found:
-    """What all contractors together prove, where a certificate proves less: see `Minimum`."""
-
-    lo: float
-    enclosure: Box
-
-    def sentence(self, certified: float) -> str:
-        """To follow another one; `certified` is the lower bound that the certificate proves."""
-        if self.lo == np.inf:
-            return " All contractors together prove that there is no solution; the certificate does not."
-        if self.lo > certified:
-            found, proved = at_least(self.lo, _DIGITS), at_least(certified, _DIGITS)
-            return f" All contractors together prove the lower bound {found}; the certificate proves {proved}."
-        return " All contractors together prove a smaller enclosure than the certificate."
 
 
 def bracket_sentence(verdict: Verdict, lo: float, hi: float, *, floor: float, undecided: int) -> str:

@@ -474,9 +474,8 @@ class Network(ConstraintNetwork):
         solutions are proved to exist.
 
         `certificate` names a file for the proof, which states the constraints exactly, and `about` in words what they
-        are. The answer is then what the
-        certificate proves, by the steps of contractors that give weights (lifted); what all contractors prove beyond
-        it is in `found`. It is checked before it is written. Where equations hold at no float64 point, it proves the
+        are. The answer is then what the certificate proves, by the steps of contractors that give weights (lifted);
+        others take no part. It is checked before it is written. Where equations hold at no float64 point, it proves the
         lower bound alone: the verdict is NOT_CERTIFIED then. `workers`, `scheduler`, `executor`, `checkpoint` and
         `resume` are as in `solve`; certificates are the same, byte for byte. Constraints with readings or without
         polynomial form raise ModelError. Where it cannot be written, or the checker would refuse it, UncertifiedError

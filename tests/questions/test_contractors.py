@@ -1,4 +1,4 @@
-"""Every contractor that was asked for takes part; the certificate holds what weights prove, and both are told apart."""
+"""With a certificate contractors that give no weights take no part: what they say reaches neither it nor the answer."""
 
 import math
 from fractions import Fraction as F
@@ -51,7 +51,7 @@ def test_what_weights_do_not_prove_in_time_is_not_the_answer(campaign, tmp_path,
     leg = cpcal.certify(campaign[0], contractors=("oracle", "lifted"), **question).legs[0]
     assert leg.bracket.lo == 0.0
     oracle, lifted = leg.work.contractors_used
-    assert (oracle.steps > 0, oracle.certified_steps, lifted.certified_steps) == (True, 0, 0)
+    assert (oracle.calls, lifted.calls > 0, lifted.certified_steps) == (0, True, 0)
     assert leg.bracket.certificate is not None
     claims = check(tmp_path / leg.bracket.certificate).claims
     assert claims.eps_lo == F(leg.bracket.lo)
@@ -83,7 +83,4 @@ def test_a_wrong_refutation_by_another_contractor_never_reaches_the_certificate(
     )
     assert found.lo <= OPTIMUM <= found.hi
     assert found.verdict is cpcal.Verdict.PROVED
-    assert found.found is not None
-    assert found.found.enclosure.is_empty
-    assert "the certificate" in found.status
     assert not check(tmp_path / "c.jsonl").claims.infeasible

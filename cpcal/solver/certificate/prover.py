@@ -27,7 +27,7 @@ from cpcal.common.files import replacing
 from cpcal.common.values import Bools, Floats, floats
 from cpcal.solver.certificate.exact_network import Statement, exact_box, free, limits, number
 from cpcal.solver.certificate.float_rows import FloatRule, Parts, Product, Square, rows_of
-from cpcal.solver.contract import Contraction, Step, StepWeights, shrunk
+from cpcal.solver.contract import Contraction, Step, StepWeights
 from cpcal.solver.interval import Box
 from cpcal.solver.interval.numbers import round_down, round_up
 from cpcal.solver.linear import Dense, LinearSolution, LinearStatus
@@ -171,7 +171,6 @@ def _record(
 _BITS = (10, 14, 18, 24, 32, 53)  # of the largest weight: the first that prove nearly as much as was proposed
 _LOSS = 0.02  # of the width that was proposed, given away for shorter numbers
 _ROUNDING = 0.5  # of that loss: more may not be due to rounding
-_NEARLY = 0.9  # of a proved width: a proposed one below that was not proved
 
 
 class WeightProver:
@@ -194,7 +193,7 @@ class WeightProver:
                 excluding = _within_limits(partial(table.excluding, step.weights))
                 if excluding is not None:
                     record = _record(table.rows, 0, cap, [excluding], ())
-                    return Proof(Box.empty(box.names), (*steps, step), record, True)
+                    return Proof(Box.empty(box.names), (*steps, step), record)
                 continue
             i, ends = box.index(step.variable), lo if step.side == "lo" else hi
             found = _within_limits(partial(table.bound, i, step, step.weights, self._loss * width[i]))
@@ -202,9 +201,7 @@ class WeightProver:
                 ends[i] = found[1]
                 bounds.append((i, step.side, found[1], found[:1]))
                 steps.append(step)
-        left = box.with_bounds(lo, hi)
-        wider = not left.is_empty if proposed.box.is_empty else shrunk(left.width, proposed.box.width, _NEARLY)
-        return Proof(left, tuple(steps), _record(table.rows, 0, cap, (), bounds), not wider)
+        return Proof(box.with_bounds(lo, hi), tuple(steps), _record(table.rows, 0, cap, (), bounds))
 
 
 class _Table:

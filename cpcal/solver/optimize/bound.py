@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cpcal.common.values import Floats, Indices, Names, Places, floats
-from cpcal.solver.accounts import ContractorUse, Found, RowUse, Uses, bracket_sentence, total_use
+from cpcal.solver.accounts import ContractorUse, RowUse, Uses, bracket_sentence, total_use
 from cpcal.solver.compiled import TimeUp, compiling_until
 from cpcal.solver.contract import Contraction, Limits, Named, Row, Step, Strategy, Verdict, shrunk
 from cpcal.solver.execution.checkpoint_file import Line
@@ -26,7 +26,7 @@ from cpcal.solver.interval.box import Variable
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.optimize.local import Incumbent, Known
 from cpcal.solver.optimize.witness import Prepared, Witness
-from cpcal.solver.search.passes import Contracting, LargestFirst, StepProver, bisect, divided, light
+from cpcal.solver.search.passes import Contracting, LargestFirst, StepProver, bisect, light
 from cpcal.solver.search.search import (
     Branch,
     Decision,
@@ -51,8 +51,7 @@ _THIN = 1e-12  # a width below this share of the domain's does not count
 class Bounding:
     """The process of a branch and bound: every decision is made of the node and of the incumbent.
 
-    Without `enclose` no work is spent on a box that is closed. Where weights have proved less than was found, the work
-    goes on until both are settled; boxes are divided where `strategy` divides what was found, as long as that is open.
+    Without `enclose` no work is spent on a box that is closed.
     """
 
     def __init__(
@@ -110,11 +109,10 @@ class Bounding:
         if before.is_empty:
             return Decision(EventKind.PRUNED, Contraction(before))
         was_closed = known.closed(before)
-        found_before = known.cut(branch.found)
-        done = self._contracting.contract(before, found_before)
+        done = self._contracting.contract(before)
         step = done.contraction
         branch = branch._replace(rows=self.raising(step.steps) or branch.rows)
-        pays = self._pays(before, step.box, was_closed) or self._pays(found_before, done.found, was_closed)
+        pays = self._pays(before, step.box, was_closed)
         # boxes that contraction closes alone need no other fit than the first
         wanted = branch.fresh and not (step.box.is_empty or known.closed(step.box) or (pays and known.served))
         point = step.point
@@ -124,7 +122,6 @@ class Bounding:
             pays = known.propose(point) or pays
             branch = branch._replace(fresh=False)
         left = replace(step, box=known.cut(step.box))
-        branch = branch._replace(found=known.cut(done.found))
         kind, pieces = self._next(left.box, branch, pays, was_closed, known)
         return Decision(kind, left, pieces, done.uses, done.proof)
 
@@ -153,13 +150,9 @@ class Bounding:
             return EventKind.CONTRACTED, (Piece(box, branch),)
         if known.settled(box):
             return EventKind.KEPT, (Piece(box, branch),)
-        # cut where what was found is cut; a fit may begin in the first piece
-        found = box if known.settled(branch.found) else branch.found
-        cuts = divided(box, found, lambda part: self._strategy.split(part) or bisect(part, self._incumbent.objective))
-        pieces = tuple(
-            Piece(piece, branch._replace(found=branch.found.intersect(piece), fresh=k == 0))
-            for k, piece in enumerate(cuts)
-        )
+        cuts = self._strategy.split(box) or bisect(box, self._incumbent.objective)
+        # a fit may begin in the first piece
+        pieces = tuple(Piece(piece, branch._replace(fresh=k == 0)) for k, piece in enumerate(cuts))
         return (EventKind.SPLIT, pieces) if pieces else (EventKind.KEPT, (Piece(box, branch),))
 
 
@@ -260,14 +253,13 @@ def minimize(
     """Brackets of the smallest value of the variable `objective`, then the `Minimum` as the last item.
 
     THERE EXISTS a reading in its set for every constraint, as in the network. `contractors` are applied one after the
-    other; with a `prover` only what it proves again by weights counts for `lo` and `enclosure`, and `found` holds what
-    all contractors reach. `domain`: a part of the network's (default: all of it). `start` (n,) is where the first fit
-    begins (default: the middle of the domain); with `best`, which is known already, there is none. `prepared`: what
-    other questions about the network and the objective have set up. Without `enclose` no work is spent on a tight
-    enclosure. `observe` is told of every node's fate, and after it `keep` is given a function that tells where the
-    search stands; with that as `resume` another call goes on from there, to the same end. `place`: an executor that
-    decides rounds of several nodes, and how many tasks it is given at a time; the answer is the same. Close the
-    iterator to stop early.
+    other; with a `prover` only what it proves again by weights counts. `domain`: a part of the network's (default: all
+    of it). `start` (n,) is where the first fit begins (default: the middle of the domain); with `best`, which is known
+    already, there is none. `prepared`: what other questions about the network and the objective have set up. Without
+    `enclose` no work is spent on a tight enclosure. `observe` is told of every node's fate, and after it `keep` is
+    given a function that tells where the search stands; with that as `resume` another call goes on from there, to the
+    same end. `place`: an executor that decides rounds of several nodes, and how many tasks it is given at a time; the
+    answer is the same. Close the iterator to stop early.
     """
     began = time.monotonic() - (0.0 if resume is None else resume.seconds)
     index = network.names.index(objective)
@@ -277,7 +269,7 @@ def minimize(
     prepared = prepared or Prepared(network, objective)
     incumbent = Incumbent(prepared, limits, clock.deadline, domain, best)
     process = Bounding(incumbent, Contracting(contractors, prover, clock.deadline), strategy, enclose, place)
-    root = Piece(domain, Branch(domain, fresh=True))
+    root = Piece(domain, Branch(fresh=True))
     search = Search([root], process, lambda node: float(node.box.lo[index]), abreast=_abreast)
     tally, kept_from = Tally(), np.inf  # and the objective's lowest bound in what was kept
     if resume is not None:
@@ -319,22 +311,19 @@ def minimize(
 
 
 def _minimum(search: Search, incumbent: Incumbent, last: Bracket, tally: Tally, interrupted: bool) -> Minimum:
-    undecided, least, floor = 0, incumbent.hi, incumbent.floor
-    enclosure = around = Box.empty(incumbent.domain.names)
+    undecided, floor = 0, incumbent.floor
+    enclosure = Box.empty(incumbent.domain.names)
     leaves: Iterator[Node | Piece] = chain(search.pending, search.kept)
     for leaf in leaves:
-        box, found = incumbent.cut(leaf.box), incumbent.cut(leaf.state.found)
+        box = incumbent.cut(leaf.box)
         undecided += isinstance(leaf, Node) and not box.is_empty and not incumbent.settled(box)
-        enclosure, around = enclosure.hull(box), around.hull(found)
-        least = least if found.is_empty else min(least, float(found.lo[incumbent.objective]))
-    reached = Found(least, around)
+        enclosure = enclosure.hull(box)
     verdict, status = status_of(last, incumbent, undecided, floor)
-    more = reached.lo > last.lo or reached.enclosure != enclosure
     return Minimum(
         lo=last.lo,
         hi=last.hi,
         verdict=verdict,
-        status=status + (reached.sentence(last.lo) if more else ""),
+        status=status,
         witness=incumbent.witness,
         enclosure=enclosure,
         floor=floor,
@@ -346,7 +335,6 @@ def _minimum(search: Search, incumbent: Incumbent, last: Bracket, tally: Tally, 
         seconds=last.seconds,
         interrupted=interrupted,
         contractors_used=tally.uses,
-        found=reached if more else None,
         names=incumbent.domain.names,
     )
 
@@ -412,9 +400,8 @@ class Minimum:
     smallest value of the domain is attained; REFUTED: there is no solution. `floor`: the second-order effect of the
     readings at the witness; boxes are not divided to close a smaller gap (though contraction alone often closes it).
     `rows`: the (constraint, element) pairs with a multiplier in some step of the proof of `lo`; `decisive_rows`: those
-    of the steps that decided the leaves. `contractors_used`: those asked for, in their order.
-
-    With a certificate all this is what it proves, and `found` is what the contractors prove beyond it, None if nothing.
+    of the steps that decided the leaves. `contractors_used`: those asked for, in their order. With a certificate all
+    this is what it proves.
     """
 
     lo: float
@@ -432,7 +419,6 @@ class Minimum:
     seconds: float = 0.0
     interrupted: bool = False
     contractors_used: Uses = ()
-    found: Found | None = None
     names: Names = ()  # of the components of points
     relax: float = 0.0  # by how much equations may be missed
     method: str = ""  # which contractors, and why these
@@ -442,11 +428,6 @@ class Minimum:
     def solution(self) -> Point | None:
         """The proved point by names and variables: `minimum.solution["x[0]"]`, `minimum.solution[x]`."""
         return None if self.witness is None else Point(self.names, self.witness.point)
-
-    @property
-    def beyond(self) -> str:
-        """What the contractors prove beyond the certificate, to follow a sentence; it is part of `status`."""
-        return "" if self.found is None else self.found.sentence(self.lo)
 
 
 def status_of(last: Bracket, incumbent: Incumbent, undecided: int, floor: float) -> tuple[Verdict, str]:

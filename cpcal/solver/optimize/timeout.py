@@ -18,7 +18,7 @@ from cpcal.solver.execution.stopping import asked
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize.witness import Witness, WitnessProver
 from cpcal.solver.search.passes import Contracting, Divide
-from cpcal.solver.search.search import Event, EventKind, Node, Observer, Piece, Search
+from cpcal.solver.search.search import Event, EventKind, Observer, Search
 
 _CLOSE = 1.0 / 16.0  # of the bracket: an eps nearer than this to its lower end is too close
 _SHRINK = 0.9  # of a width: another pass of the contractor is worth while
@@ -80,12 +80,11 @@ def ask(
     """Search `domain` (its upper end of the objective is the eps that is asked about) for a valid point.
 
     Boxes that `strategy` no longer divides, and the points that the contractors propose, are tried: whatever their
-    smallest objective is, a point that is proved with one in the domain is found. When the contractors have found that
-    there is none, the time that is left goes into the proof by weights, if one is wanted.
+    smallest objective is, a point that is proved with one in the domain is found.
     """
     highest = float(domain.hi[prover.objective])
     clock = Limits(seconds=seconds).clock()
-    search = Search([Piece(domain, domain)], Divide(contracting, strategy, again=_SHRINK))
+    search = Search([domain], Divide(contracting, strategy, again=_SHRINK))
     nodes = programs = 0
     uses: Uses = ()
     for event in search:
@@ -99,17 +98,16 @@ def ask(
             return TimeoutOutcome(TimeoutAnswer.FOUND, witness, nodes, programs, uses=uses)
         if clock.over() or asked():
             break
-    leaves: list[Node | Piece] = [*search.pending, *search.kept]
-    # a small box that was kept may hold a point or not: nothing is known
-    answer = TimeoutAnswer.INFEASIBLE if all(leaf.state.is_empty for leaf in leaves) else TimeoutAnswer.TIMEOUT
-    return TimeoutOutcome(answer, None, nodes, programs, contracting.proves and not leaves, uses)
+    if search.waiting or search.kept:  # a small box that was kept may hold a point or not: nothing is known
+        return TimeoutOutcome(TimeoutAnswer.TIMEOUT, None, nodes, programs, uses=uses)
+    return TimeoutOutcome(TimeoutAnswer.INFEASIBLE, None, nodes, programs, contracting.proves, uses)
 
 
 def _valid(prover: WitnessProver, event: Event, highest: float) -> Witness | None:
     """A proved point from an event, with an objective up to `highest`."""
     point, kept = event.contraction.point, event.decision.pieces if event.kind is EventKind.KEPT else ()
     proposed = [] if point is None or event.contraction.box.is_empty else [point]
-    for point in proposed + [piece.state.mid for piece in kept if not piece.state.is_empty]:
+    for point in proposed + [piece.box.mid for piece in kept]:
         witness = prover.prove(np.asarray(point))
         if witness is not None and witness.value <= highest:
             return witness

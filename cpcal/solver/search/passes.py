@@ -1,9 +1,5 @@
-"""One pass of all contractors that were asked for, over what they have reached and over what weights have proved.
-
-A certificate knows weights only. So a search that writes one keeps two boxes for each node: the node's own, which
-weights have proved, and inside it the box `found` that all contractors together have reached. Contractors that give
-weights shrink both: what they propose on the node's box is proved again before it counts. All others shrink `found`
-alone. As soon as weights have proved all that was found, the two boxes are one, and so is the work.
+"""One pass of all contractors that were asked for. A certificate knows weights only: where one is wanted, what a
+contractor proposes is proved again by its weights before it counts, and those that give none take no part.
 """
 
 import math
@@ -37,25 +33,20 @@ from cpcal.solver.search.search import Decision, EventKind, Node, Piece, Record,
 
 
 class Proof(NamedTuple):
-    """What weights prove of a proposed contraction: the box that they leave, the steps, and the certificate's record.
-
-    `complete`: each proposed step was proved, but for what shorter numbers give away.
-    """
+    """What weights prove of a proposed contraction: the box that they leave, the steps, the certificate's record."""
 
     box: Box
     steps: tuple[Step, ...]
     record: Json | None
-    complete: bool
 
 
 StepProver = Callable[[Box, Contraction], Proof]  # proves proposed steps again by their weights
 
 
 class Pass(NamedTuple):
-    """What one pass leaves: `contraction` of the node's box, and `found`, a part of that."""
+    """What one pass leaves, who worked, and the records of what weights proved."""
 
     contraction: Contraction
-    found: Box
     uses: Uses
     proof: tuple[Record, ...]
 
@@ -63,7 +54,7 @@ class Pass(NamedTuple):
 class Contracting:
     """Contractors with their names, one after the other, and the prover of their steps where a certificate is wanted.
 
-    Without a prover the two boxes of a node are one. At the `deadline` long contractions end.
+    At the `deadline` long contractions end.
     """
 
     def __init__(self, named: Sequence[Named], prover: StepProver | None = None, deadline: float = math.inf) -> None:
@@ -76,47 +67,23 @@ class Contracting:
         """Whether a certificate can come of it."""
         return any(givers(contractor) for _, contractor in self.named)
 
-    def contract(self, box: Box, found: Box) -> Pass:
-        """One pass over a node's box and the part of it that was found."""
-        total, proof, uses = Contraction(box), [], []
+    def contract(self, box: Box) -> Pass:
+        """One pass over a box."""
+        total, proof, uses = Contraction(box), list[Record](), []
         for name, contractor in self.named:
             calls = steps = 0
-            if self._prover is None:
-                if not total.box.is_empty:
-                    step = contracted(contractor, total.box, self.deadline)
-                    total, calls, steps = followed(total, step), 1, len(step.steps)
-                found = total.box
-                uses.append(ContractorUse(name, calls, steps))
-                continue
-            before, as_one = total.box, found == total.box
-            giving = givers(contractor)
-            for giver in giving if not before.is_empty else []:
-                proposed = contracted(giver, total.box, self.deadline)
-                proved = self._prover(total.box, proposed)
-                total = followed(total, replace(proposed, box=proved.box, steps=proved.steps))
-                calls, steps = calls + 1, steps + len(proposed.steps)
-                proof += [] if proved.record is None else [(name, proved.record)]
-                found = found.intersect(proved.box if proved.complete else proposed.box)
+            for part in [contractor] if self._prover is None else givers(contractor):
                 if total.box.is_empty:
                     break
-            done = giving == [contractor] and (as_one or found == total.box)  # of both boxes at once, or caught up
-            if not (found.is_empty or done):
-                further = contracted(contractor, found, self.deadline)
-                found, calls, steps = further.box, calls + 1, steps + len(further.steps)
-                point = total.point if further.point is None else further.point
-                total = replace(total, point=point, programs=total.programs + further.programs)
+                step = contracted(part, total.box, self.deadline)
+                calls, steps = calls + 1, steps + len(step.steps)
+                if self._prover is not None:
+                    proved = self._prover(total.box, step)
+                    step = replace(step, box=proved.box, steps=proved.steps)
+                    proof += [] if proved.record is None else [(name, proved.record)]
+                total = followed(total, step)
             uses.append(ContractorUse(name, calls, steps))
-        return Pass(total, found.intersect(total.box), tuple(uses), tuple(proof))
-
-
-def divided(box: Box, found: Box, split: Callable[[Box], Boxes]) -> Boxes:
-    """Pieces of a node's box, cut where `split` cuts what was found in it, or else the box itself; () if nowhere.
-
-    The faces that a piece shares with what was found move out to the box.
-    """
-    pieces = () if found.is_empty or found == box else split(found)
-    bounds = ((np.where(p.lo == found.lo, box.lo, p.lo), np.where(p.hi == found.hi, box.hi, p.hi)) for p in pieces)
-    return tuple(box.with_bounds(lo, hi) for lo, hi in bounds) or split(box)
+        return Pass(total, tuple(uses), tuple(proof))
 
 
 def _taken_apart(name: str, contractor: Contractor) -> list[Named]:
@@ -133,7 +100,7 @@ _BATCH = 64  # nodes
 
 
 class Divide:
-    """The contractors on every box; `strategy` divides what they leave. A node's state is what was found of its box.
+    """The contractors on every box; `strategy` divides what they leave.
 
     A box that `inside` proves to hold nothing but solutions is not divided. With `again` a box of which some width
     shrank below that share is contracted once more before it is divided. `outside`: decisions say what was removed.
@@ -199,24 +166,19 @@ class Divide:
         return decisions
 
     def __call__(self, node: Node) -> Decision:
-        before = node.box if node.state is None else node.state
-        done = self._contracting.contract(node.box, before)
-        kind, pieces = self._next(node, before, done.contraction.box, done.found)
-        proves = self._contracting.proves  # else the two boxes of a node are one
-        children = tuple(Piece(piece, done.found.intersect(piece) if proves else piece) for piece in pieces)
+        done = self._contracting.contract(node.box)
+        kind, pieces = self._next(node.box, done.contraction.box)
         removed = difference(node.box, done.contraction.box) if self._outside else ()
-        return Decision(kind, done.contraction, children, done.uses, done.proof, removed)
+        return Decision(kind, done.contraction, tuple(map(Piece, pieces)), done.uses, done.proof, removed)
 
-    def _next(self, node: Node, before: Box, box: Box, found: Box) -> tuple[EventKind, Boxes]:
+    def _next(self, before: Box, box: Box) -> tuple[EventKind, Boxes]:
         if box.is_empty:
             return EventKind.PRUNED, ()
         if self._inside is not None and self._inside(box):
             return EventKind.INSIDE, (box,)
-        if self._again is not None:
-            pairs = ((node.box, box), (before, found))
-            if any(shrunk(one.width, two.width, self._again) for one, two in pairs):
-                return EventKind.CONTRACTED, (box,)
-        pieces = divided(box, found, self._strategy.split)
+        if self._again is not None and shrunk(before.width, box.width, self._again):
+            return EventKind.CONTRACTED, (box,)
+        pieces = self._strategy.split(box)
         return (EventKind.SPLIT, pieces) if pieces else (EventKind.KEPT, (box,))
 
 

@@ -226,12 +226,10 @@ class Search(Iterator[Event]):
 class Branch(NamedTuple):
     """What decisions about a node of a minimisation depend on, besides its box.
 
-    found  the part of the box that all contractors have reached (see `cpcal.solver.search.passes`)
     fresh  no fit has begun here since the last division
     rows   of the step on the way here that raised the objective last
     """
 
-    found: Box
     fresh: bool
     rows: frozenset[Row] = frozenset()
 
@@ -239,7 +237,7 @@ class Branch(NamedTuple):
 class Standing(NamedTuple):
     """How many nodes were ever made, the nodes of no round and those of the round at work, and what was stored.
 
-    The state of a node or a piece is None, what was found of its box, or a `Branch`.
+    The state of a node or a piece is None, or a `Branch`.
     """
 
     created: int
@@ -263,11 +261,8 @@ class Standing(NamedTuple):
         found: dict[str, list[Any]] = {where: [] for where in ("pending", "begun", "kept", "inside", "outside")}
         for line in lines:
             where = line["in"]
-            box, part = (
-                Box(names, *(np.array(side, np.float64) for side in ends)) if ends else Box.empty(names)
-                for ends in (line["box"], line.get("found", line["box"]))
-            )
-            state = Branch(part, line["fresh"], rows_of(line["rows"])) if "rows" in line else part
+            box = Box(names, *(np.array(side, np.float64) for side in line["box"]))
+            state = Branch(line["fresh"], rows_of(line["rows"])) if "rows" in line else None
             if where in ("pending", "begun"):
                 found[where].append(Node(box, line["depth"], line["serial"], state))
             else:
@@ -275,12 +270,10 @@ class Standing(NamedTuple):
         return cls(created, **found)
 
 
-def _line(box: Box, state: Branch | Box | None = None) -> Line:
-    if isinstance(state, Branch):
-        return _line(box, state.found) | {"fresh": state.fresh, "rows": sorted(state.rows)}
-    boxes = {"box": box} | ({} if state is None or state == box else {"found": state})
-    # to the last bit; an empty box is null
-    return {name: None if one.is_empty else [one.lo.tolist(), one.hi.tolist()] for name, one in boxes.items()}
+def _line(box: Box, state: Branch | None = None) -> Line:
+    """Numbers to the last bit."""
+    said = {} if state is None else {"fresh": state.fresh, "rows": sorted(state.rows)}
+    return {"box": [box.lo.tolist(), box.hi.tolist()], **said}
 
 
 def rows_of(pairs: Any) -> frozenset[Row]:

@@ -1,19 +1,15 @@
 """The paper's timeout method: its rules on solvers made for the purpose, and agreement with branch and bound."""
 
-import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 import cpcal
-from contractors import HC4, Lifted
+from contractors import HC4
 from cpcal.checker import check
-from cpcal.solver import plugins
 from cpcal.solver.accounts import TimeoutAnswer, Trial
-from cpcal.solver.contract import Composable, Contraction, Limits, Repeat, Step, Then
-from cpcal.solver.interval import Box
+from cpcal.solver.contract import Limits, Repeat, Then
 from cpcal.solver.network import ConstraintNetwork, sqr
 from cpcal.solver.optimize.timeout import TimeoutOutcome, ask, timeout
 from cpcal.solver.optimize.witness import Witness, WitnessProver
@@ -99,37 +95,3 @@ def test_without_a_certificate_no_answer_is_checked_and_none_is_said_to_be() -> 
     assert "closed" not in cpcal.status_of(result, leg)
     assert "within the relative gap of 0.01" in cpcal.status_of(result, leg)
     assert leg.bracket.hi - leg.bracket.lo <= 1e-2 * leg.bracket.hi
-
-
-class KnowsMore(Composable):
-    """hc4's network is not asked: infeasible below `least`, which no weights prove on wide boxes."""
-
-    def __init__(self, least: float) -> None:
-        self.least = least
-
-    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
-        if not box.is_empty and box["eps"].hi < self.least:
-            return Contraction(Box.empty(box.names), (Step("knows", None, "", np.nan),))
-        return Contraction(box)
-
-
-def test_an_infeasible_answer_that_weights_do_not_prove_raises_no_certified_bound(tmp_path, monkeypatch):
-    sim: dict[str, Any] = {"seed": 4, "joint_error": 3.0, "factor": 0.0, "random_poses": 14, "extremal": False}
-    cpcal.save_campaign(cpcal.simulate(**sim), tmp_path / "campaign")
-    campaign = cpcal.load_campaign(tmp_path / "campaign")
-    least = 0.9 * cpcal.certify(campaign, legs=[1], delta=2.0).legs[0].bracket.lo
-    load = plugins.load
-    monkeypatch.setattr(Lifted, "contract", lambda self, box, deadline: Contraction(box))  # weights prove nothing
-    monkeypatch.setattr(
-        plugins, "load", lambda name: (lambda *_, **__: KnowsMore(least)) if name == "k" else load(name)
-    )
-    question: dict[str, Any] = {"legs": [1], "delta": 2.0, "method": "timeout", "time_limit": 1.5, "gap": 0.4}
-    result = cpcal.certify(campaign, contractors=["k", "lifted"], certificates=tmp_path / "run", **question)
-    leg = result.legs[0]
-    assert any(t.answer is TimeoutAnswer.INFEASIBLE for t in leg.work.trials)
-    assert not any(t.checked for t in leg.work.trials)
-    assert leg.bracket.lo == 0.0
-    assert leg.bracket.verdict is cpcal.Verdict.UNKNOWN
-    assert leg.bracket.certificate is not None
-    claims = check(tmp_path / "run" / leg.bracket.certificate).claims
-    assert claims.eps_lo is None
