@@ -138,14 +138,13 @@ class Vertex(NamedTuple):
 
 
 @compiled
-def coefficients(v: Vertex, constraint: int, out: Floats) -> None:
+def coefficients(rows: Floats, constraint: int, out: Floats) -> None:
     """The row of a constraint."""
-    if constraint >= 0:
-        out[:] = v.rows[:, constraint]
-        return
-    n, j = v.point.size, -1 - constraint
-    out[:] = 0.0
-    out[j % n] = -1.0 if j < n else 1.0
+    n = out.size
+    for j in range(n):
+        out[j] = rows[j, constraint] if constraint >= 0 else 0.0
+    if constraint < 0:
+        out[(-1 - constraint) % n] = -1.0 if -1 - constraint < n else 1.0
 
 
 @compiled
@@ -221,7 +220,7 @@ def refactored(v: Vertex) -> bool:
     n = v.point.size
     work = np.zeros((n, 2 * n))
     for k in range(n):
-        coefficients(v, v.tight[k], work[k, :n])
+        coefficients(v.rows, v.tight[k], work[k, :n])
         work[k, n + k] = 1.0
     if not eliminated(work, TOO_SMALL):
         return False
@@ -291,7 +290,7 @@ def residual(v: Vertex) -> float:
     row = np.empty(n)
     worst = 0.0
     for k in range(n):
-        coefficients(v, v.tight[k], row)
+        coefficients(v.rows, v.tight[k], row)
         total = -side(v, v.tight[k])
         for j in range(n):
             total += row[j] * v.point[j]
@@ -436,7 +435,7 @@ def _feasible(v: Vertex, objective: Floats, limit: int) -> int:
         entering = _violated(v, bland)
         if entering == v.counters[0]:
             return OPTIMAL
-        coefficients(v, entering, row)
+        coefficients(v.rows, entering, row)
         times_inverse(v, row, alpha)
         k = _leaving(alpha, y, bland)
         if k < 0:
@@ -525,7 +524,7 @@ def _improved(v: Vertex, objective: Floats, limit: int) -> int:
         entering = _blocking(v, k, growth, bland)
         if entering == v.counters[0]:
             return FAILED
-        coefficients(v, entering, row)
+        coefficients(v.rows, entering, row)
         times_inverse(v, row, alpha)
         if not abs(alpha[k]) > TOO_SMALL:
             return FAILED
