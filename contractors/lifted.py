@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import cached_property, partial
+from copy import copy
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,11 +19,11 @@ import numpy.typing as npt
 from contractors.relaxation import Relaxation, Structure
 from cpcal.solver.contract import Composable, Contraction, StepWeights
 from cpcal.solver.existence.unique import reads
-from cpcal.solver.interval import Box, Floats, Indices, IntervalArray, fill
+from cpcal.solver.interval import Box, Floats, Indices, IntervalArray
 from cpcal.solver.linear import Dense, LinearSolution, LinearStatus, Programs
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted
-from cpcal.solver.network.polynomial import PolynomialForms
+from cpcal.solver.network.polynomial import PolynomialForms, PolynomialSystem
 from cpcal.solver.network.rows import DecisiveReadings, Rows
 from cpcal.solver.optimize.local import fit_of_many
 
@@ -106,8 +107,10 @@ class Structures:
         self._rows = Rows(network) if elements > max(_MANY, _MANY_EACH * len(network.names)) else None
         self.by_box = self._rows is not None or any(map(reads, network.constraints))  # else one serves all boxes
         self._keep: list[Indices] | None = None  # of each constraint the elements that are expanded; None: all
+        self._some: ConstraintNetwork | None = None  # with these alone
         self._forms: PolynomialForms | None = None
         self._decisive: DecisiveReadings | None = None
+        self._given: PolynomialSystem | None = None  # where no readings decide, if it need not be expanded
         self._known: dict[bytes, Structure] = {}  # of the expanded ones, by the reading sets, the latest last
 
     def on(self, box: Box, deadline: float) -> Structure:
@@ -118,15 +121,18 @@ class Structures:
         """
         seeking = self._objective is not None and bool(box.rad[self._objective] > 0.0)
         keep = None if self._rows is None else self._telling(self._rows, box, seeking)
-        if self._forms is None or not all(map(np.array_equal, keep or (), self._keep or ())):
-            some = self._network if keep is None else restricted(self._network, keep)
-            self._keep, self._forms, self._known = keep, PolynomialForms(some, deadline), {}
+        if self._some is None or not all(map(np.array_equal, keep or (), self._keep or ())):
+            self._some = some = self._network if keep is None else restricted(self._network, keep)
+            self._keep, self._forms, self._known = keep, None, {}
             self._decisive = DecisiveReadings(some) if any(map(reads, some.constraints)) else None
         sets = None if self._decisive is None else self._decisive.on(box, _DECIDED if seeking else 0.0)
         key = b"".join(b for own in sets or () for part in own.values() for b in (part.lo.tobytes(), part.hi.tobytes()))
         structure = self._known.pop(key, None)
         if structure is None:
-            system = self._forms.on(sets)
+            system = None if key else self._given
+            if system is None:
+                self._forms = self._forms or PolynomialForms(self._some, deadline)
+                system = self._forms.on(sets)
             if keep is not None:
                 system = system._replace(origin=_original(system.origin, self._network, keep))
             structure = Structure(system)
@@ -134,6 +140,13 @@ class Structures:
                 del self._known[next(iter(self._known))]
         self._known[key] = structure
         return structure
+
+    def among(self, network: ConstraintNetwork, elements: Indices) -> Structures:
+        """Those of a network with some elements of each constraint, in one axis: their forms are rows of these."""
+        other, whole = Structures(network, self._objective), self._known.get(b"")
+        if whole is not None and self._keep is None:
+            other._given = whole.system.among(elements)
+        return other
 
     def _telling(self, rows: Rows, box: Box, seeking: bool) -> list[Indices]:
         """Those that a fit in the whole domain took, if the box holds its point, with what encloses more than that
@@ -206,18 +219,19 @@ class LiftedPrograms(Programs):
         return self.relaxation.value(variable, sign * solution.lowest)[0 if side == "lo" else 1]
 
     def carriers(self, solution: LinearSolution) -> tuple[tuple[tuple[int, int], ...], StepWeights]:
-        (_, named, _), first = self._told, len(self.relaxation.products)
-        rows = tuple([named[row - first][::2] for row in solution.rows.tolist() if row >= first])
-        return rows, _Weights(self, solution)
+        origins = self._origins
+        return tuple([origins[row] for row in solution.rows.tolist() if row in origins]), _Weights(self, solution)
 
     def weights(self, solution: LinearSolution) -> StepWeights:
         """Products of more than two variables, which no certificate has, are left out: the others prove less."""
-        products, named, scales = self._told
+        products, exponents, parts = self._told
         forms, first = self.structure.products.forms, len(products)
         rows, pairs, tangents = [], [], []
         for row, weight in zip(solution.rows.tolist(), solution.multipliers.tolist(), strict=True):
             if row >= first:
-                rows.append((*named[row - first], weight * scales[row - first]))
+                constraint, element = self._origins[row]
+                part, exponent = parts[row - first], exponents[row - first]
+                rows.append((constraint, part, element, math.ldexp(weight, -exponent)))
                 continue
             form = forms[products[row]]
             if form is not None and len(form) == 4:
@@ -227,22 +241,28 @@ class LiftedPrograms(Programs):
         return StepWeights(tuple(rows), tuple(pairs), tuple(tangents))
 
     @cached_property
-    def _told(self) -> tuple[list[int], list[tuple[int, int, int]], list[float]]:
-        """The products, the names of the system's rows, and what a multiplier of each of these is one of the system's
-        row times."""
-        r, names = self.relaxation, self.structure.names
-        return r.products.tolist(), [names[k] for k in r.kept.tolist()], np.ldexp(1.0, -r.exponents).tolist()
+    def _told(self) -> list[list[int]]:
+        """The products; of all other rows the exponents, and which part of their constraint they are."""
+        r = self.relaxation
+        return [array.tolist() for array in (r.products, r.exponents, self.structure.system.part[r.kept])]
+
+    @cached_property
+    def _origins(self) -> dict[int, tuple[int, int]]:
+        """Of the rows that are no products constraint and element."""
+        origins = self.structure.origins
+        return dict(enumerate([origins[k] for k in self.relaxation.kept.tolist()], len(self.relaxation.products)))
 
 
 class _Weights(StepWeights):
     """Formed when somebody looks at them: most searches write no certificate."""
 
     def __init__(self, programs: LiftedPrograms, solution: LinearSolution) -> None:
-        fill(self, _form=partial(programs.weights, solution))
+        vars(self)["_of"] = programs, solution
 
     def __getattr__(self, name: str) -> Any:
-        formed = self._form()
-        fill(self, **vars(formed))
+        programs, solution = vars(self)["_of"]
+        formed = programs.weights(solution)
+        vars(self).update(vars(formed))
         return getattr(formed, name)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -271,6 +291,11 @@ class Lifted(Composable):
             return frozenset()
         system = self._structures.on(domain, math.inf).system
         return frozenset(constraint for constraint, _ in system.leftover)
+
+    def among(self, network: ConstraintNetwork, elements: Indices) -> Lifted:
+        other = copy(self)
+        other._network, other._structures = network, self._structures.among(network, elements)
+        return other
 
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         if box.is_empty or not box.is_bounded:

@@ -366,10 +366,9 @@ class Structure:
         self.positions = {m[0]: k - 1 for k, m in enumerate(system.monomials) if len(m) == 1 and self.used[k - 1]}
 
     @cached_property
-    def names(self) -> list[tuple[int, int, int]]:
-        """Constraint, part and element of every row."""
-        origin, part = self.system.origin.tolist(), self.system.part.tolist()
-        return [(c, p, k) for (c, k), p in zip(origin, part, strict=True)]
+    def origins(self) -> list[tuple[int, int]]:
+        """Constraint and element of every row."""
+        return [(constraint, element) for constraint, element in self.system.origin.tolist()]
 
 
 def _paying(divisors: Bools, monomials: Bools, degrees: Monomials) -> Bools:

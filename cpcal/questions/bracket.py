@@ -18,7 +18,7 @@ from cpcal.solver.accounts import ContractorUse, Trial, total_use
 from cpcal.solver.certificate.exact_network import Statement
 from cpcal.solver.certificate.prover import Claims, WeightProver, claims
 from cpcal.solver.certificate.recording import Recording, SearchKeeper, UncheckableError, claims_of
-from cpcal.solver.contract import Contraction, Contractor, Limits, Named, Repeat, Verdict
+from cpcal.solver.contract import Contraction, Contractor, Limits, Named, Repeat, TakesParts, Verdict
 from cpcal.solver.execution.stopping import asked
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
@@ -76,9 +76,13 @@ class PreparedLeg(NamedTuple):
 
     def alone(self, only: Places) -> "PreparedLeg":
         """The same for some measurements, without a certificate: no search need look at a box between two passes."""
-        network = of_measurements(self.problem.network, only)
-        named = plugins.build_each(network, self.question.options.contractors, objective="eps")
-        again: list[Named] = [(name, Repeat(contractor, _AGAIN)) for name, contractor in named]
+        network, again = of_measurements(self.problem.network, only), list[Named]()
+        for name, whole in self.named:
+            if isinstance(whole, TakesParts):
+                part = whole.among(network, np.array(only, np.intp))
+            else:
+                part = plugins.load(name)(network, objective="eps")
+            again.append((name, Repeat(part, _AGAIN)))
         return self._replace(problem=Prepared(network, "eps"), named=again, only=only, statement=None)
 
     def stated(self, domain: Box) -> Statement | None:

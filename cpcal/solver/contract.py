@@ -20,7 +20,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
-    from cpcal.common.values import Floats
+    from cpcal.common.values import Floats, Indices
     from cpcal.solver.interval import Box, IntervalArray
     from cpcal.solver.network import ConstraintNetwork
 
@@ -118,6 +118,15 @@ class TakesBatches(Protocol):
 
     def contract_batch(self, boxes: IntervalArray, deadline: float = math.inf) -> IntervalArray:
         """Bounds (B, n) in and out, NaN where a box holds no solution."""
+        ...
+
+
+@runtime_checkable
+class TakesParts(Protocol):
+    """What a contractor may offer besides: the same for fewer measurements, without all that is made of a network."""
+
+    def among(self, network: ConstraintNetwork, elements: Indices) -> Contractor:
+        """For `network`, which holds some elements (ascending) of each constraint, all of one axis."""
         ...
 
 

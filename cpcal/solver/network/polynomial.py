@@ -413,6 +413,18 @@ class PolynomialSystem(NamedTuple):
     part: Indices
     leftover: tuple[tuple[int, str], ...]
 
+    def among(self, elements: Indices) -> "PolynomialSystem":
+        """The rows of some elements (ascending) of each constraint, which get new numbers."""
+        rows = np.flatnonzero(np.isin(self.origin[:, 1], elements))
+        constraint, element = self.origin[rows].T
+        return self._replace(
+            coefficients=self.coefficients[:, rows],
+            guarded=self.guarded[rows],
+            guards=self.guards[:, rows],
+            origin=np.stack([constraint, np.searchsorted(elements, element)], axis=1),
+            part=self.part[rows],
+        )
+
 
 Expanded = tuple[Row, PolynomialArray, PolynomialArray | None]
 
