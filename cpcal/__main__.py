@@ -6,7 +6,7 @@ def main() -> None:
     import gc
     import sys
 
-    gc.set_threshold(50_000)  # modules and numbers are no garbage: to look through them takes a tenth of the time
+    gc.set_threshold(200_000)  # modules and numbers are no garbage: to look through them takes a tenth of the time
     _leave_at_once_while_starting()
     _refuse_where_libraries_have_no_room()
     try:

@@ -251,7 +251,7 @@ def _machine_code(function: Function, link: Callable[[], None]) -> Any:
             if made.lifted or made.library.has_dynamic_globals:
                 return  # it belongs to this process alone
             (name, kind, (machine_code, _)), *parts, environments = made._reduce()
-            library = name, kind, (machine_code, _names_alone(made.library))
+            library = name, kind, (machine_code, _name_alone(made.fndesc.llvm_cpython_wrapper_name))
             # of what is linked in, an environment without objects serves nobody, and costs the import of its module
             content = serialize.dumps((library, *parts, tuple(one for one in environments if one.consts)))
             file = self._file(signature, made.codegen)
@@ -295,15 +295,12 @@ def _machine_code(function: Function, link: Callable[[], None]) -> Any:
     return MachineCode()
 
 
-def _names_alone(library: Any) -> Any:
-    """What numba reads beside the machine code: the names that it defines. With the code in LLVM's form, which serves
-    those alone who link what is kept into something else, loading takes twice as long."""
+def _name_alone(function: str) -> Any:
+    """What numba reads beside the machine code: the name that it looks up. With all names loading takes a half more,
+    with the code in LLVM's form, which serves those alone who link what is kept into something else, thrice as long."""
     from numba.core.codegen import ll
 
-    module = library._final_module
-    functions = (f'define void @"{one.name}"() {{ unreachable }}' for one in module.functions if not one.is_declaration)
-    others = (f'@"{one.name}" = global i8 0' for one in module.global_variables if not one.is_declaration)
-    return ll.parse_assembly("\n".join((*functions, *others))).as_bitcode()
+    return ll.parse_assembly(f'define void @"{function}"() {{ unreachable }}').as_bitcode()
 
 
 @contextmanager
