@@ -8,7 +8,6 @@ import pytest
 from cpcal.checker import Accepted, check
 from cpcal.checker.run import LegCertificates
 from cpcal.cli import verify
-from cpcal.solver.execution.executors import executor_for
 
 
 def verify_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -36,4 +35,4 @@ def verify_once(monkeypatch: pytest.MonkeyPatch) -> None:
     honest = LegCertificates.accepted
     monkeypatch.setattr(LegCertificates, "accepted", accepted)
     monkeypatch.setattr(verify, "check", once)
-    monkeypatch.setattr(verify, "executor_for", lambda count, **_: executor_for(1))
+    monkeypatch.setattr(verify, "_PROCESSORS", 1)

@@ -1,10 +1,12 @@
 """Checks a run: every number that its result.json states is claimed by an accepted certificate, or not certified."""
 
+import signal
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction as F
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from .certificate import Accepted, Certificates, problem_of
 from .files import WORK, Budget, Lines, content, leg_work, parsed
@@ -27,7 +29,6 @@ from .readers import (
 )
 from .rule import Box, Problem, hitting_set
 
-T = TypeVar("T")
 RESULT_NAME, INFORMATION = "result.json", "information"
 RESULT_FORMAT = "cpcal-result/13"
 _POINTS = ("recommended", "passes_from", "reduced")
@@ -62,12 +63,15 @@ def check_run(folder: Path, *, work: int = 0) -> list[LegChecked]:
     Raises Unusable where there is nothing to check, Refused where the run as a whole is not what it says.
     `work`: what the check may cost (0: `leg_work`); each leg has the same part, so that no leg depends on another.
     """
-    return done(leg_checks(folder, work=work))
+    return [check() for check in leg_checks(folder, work=work)]
 
 
-def done(checks: Iterable[Callable[[], T]]) -> list[T]:
-    """What the checks give, in order."""
-    return [check() for check in checks]
+def answer(checks: Iterable[Callable[[], object]], there: Any) -> None:
+    """The work of a process beside another one, which alone hears of signals, and checks again what it is not told."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    with suppress(Exception):
+        there.send([check() for check in checks])
 
 
 def leg_checks(folder: Path, *, work: int = 0) -> list[Callable[[], LegChecked]]:

@@ -1,23 +1,25 @@
 """`cpcal verify`: runs and certificates checked again, in exact arithmetic and without a solver."""
 
+import multiprocessing
 import os
+import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from cpcal.checker import Accepted, Refused, Unusable, check
 from cpcal.checker.files import POSE_SET_SUFFIX
-from cpcal.checker.run import RESULT_NAME, LegChecked, certificates_of, done, leg_checks
+from cpcal.checker.run import RESULT_NAME, LegChecked, answer, certificates_of, leg_checks
 from cpcal.cli.claims import VACUOUS, NothingCertifiedError, Statement, told
 from cpcal.cli.verbs import Status, Talk, argument, option
 from cpcal.common.errors import unusable
 from cpcal.files.run_folder import ACCURACY, HANDEYE, RUN, unfinished
-from cpcal.solver.execution.executors import executor_for
+from cpcal.solver.execution.executors import START
 
 T = TypeVar("T")
 _NAME = "name the folder of a run, or a certificate"
@@ -39,7 +41,7 @@ def legs_beside(run: Path) -> Iterator[Callable[[], list[LegChecked]]]:
         checks = leg_checks(run)
     except (Refused, Unusable) as reason:
         why = reason
-    with _beside(checks, min(len(checks), _PROCESSORS)) as answers:
+    with _beside(checks) as answers:
 
         def legs() -> list[LegChecked]:
             if why is not None:
@@ -50,20 +52,35 @@ def legs_beside(run: Path) -> Iterator[Callable[[], list[LegChecked]]]:
 
 
 @contextmanager
-def _beside(checks: Sequence[Callable[[], T]], workers: int) -> Iterator[Callable[[], list[T]]]:
-    """Checks are done by so many processes, or here by one, while in the block; what is given waits for them."""
-    count = min(len(checks), workers)
-    with executor_for(workers or 1, loads=["cpcal.checker.run"]) as (executor, _):
-        begun = [executor.submit(done, checks[k::count]) for k in range(count)]
+def _beside(checks: Sequence[Callable[[], T]]) -> Iterator[Callable[[], list[T]]]:
+    """Checks are done by a process for each processor while in the block; what is given waits for what they find.
+
+    They are forked where nothing but the checker is loaded yet: to load it once more takes a tenth of a second.
+    """
+    alone = sys.platform == "linux" and "numpy" not in sys.modules and threading.active_count() == 1
+    context: Any = multiprocessing.get_context("fork" if alone else START)
+    context.set_forkserver_preload(["cpcal.checker.run"])
+    count = min(len(checks), _PROCESSORS) if _PROCESSORS > 1 else 0
+    begun = []
+    try:
+        for k in range(count):
+            pipe, there = context.Pipe(duplex=False)
+            begun.append((context.Process(target=answer, args=(checks[k::count], there)), pipe))
+            begun[-1][0].start()
+            there.close()
 
         def answers() -> list[T]:
             found: list[T | None] = [None] * len(checks)
-            for k, future in enumerate(begun):
-                with suppress(BrokenExecutor):
-                    found[k::count] = future.result()
-            return [one or check() for one, check in zip(found, checks, strict=True)]  # of a lost worker, here
+            for k, (_, pipe) in enumerate(begun):
+                with suppress(EOFError, OSError):
+                    found[k::count] = pipe.recv()
+            return [one or check() for one, check in zip(found, checks, strict=True)]  # of a lost process, here
 
         yield answers
+    finally:
+        for process, _ in begun:
+            process.kill()
+            process.join()
 
 
 def _center(run: Path) -> Statement:
@@ -107,7 +124,7 @@ def statements(target: Path, *, verbose: bool = False) -> Iterator[Statement]:
         elif len(heads) > 1:
             raise Refused(f"{' and '.join(heads)} are the answers of two commands, which share no folder")
         elif heads == [HANDEYE.head]:
-            with _beside([partial(_center, target)], _PROCESSORS) as least_squares:
+            with _beside([partial(_center, target)]) as least_squares:
                 from cpcal.checker.hand_eye import check_hand_eye
 
                 yield from check_hand_eye(target)

@@ -37,7 +37,7 @@ Place = tuple[Executor, int]  # and how many tasks it is given at a time
 PATIENCE = 10.0  # seconds that workers have to end by themselves
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _LOGGER = logging.getLogger("cpcal")
-_START = "forkserver" if sys.platform == "linux" else "spawn"  # safe beside threads
+START = "forkserver" if sys.platform == "linux" else "spawn"  # safe beside threads
 _EACH = 2  # tasks for each worker at a time, so that none is idle while its answer travels
 _ELSEWHERE = 64  # workers that an executor is taken to have that does not tell
 
@@ -130,7 +130,7 @@ class Processes(Executor):
 
     def _lead(self) -> None:
         """A thread's work: tasks, one after the other, through a process that begins with the first of them."""
-        if _START == "forkserver":
+        if START == "forkserver":
             with suppress(OSError):  # whoever begins a process is told
                 resource_tracker.ensure_running()  # before the next line, since it lets signals through
         if hasattr(signal, "pthread_sigmask"):  # which processes inherit that begin here: Ctrl-C is for this one
@@ -174,13 +174,13 @@ class _Worker:
 
     def __init__(self, loads: Sequence[str]) -> None:
         """Raises OSError, EOFError, RuntimeError where none can be begun."""
-        context = multiprocessing.get_context(_START)
+        context = multiprocessing.get_context(START)
         self._tasks, tasks = context.Pipe()
         life, self._life = context.Pipe(duplex=False)
         self._process = context.Process(target=_work, args=(tasks, life))  # type: ignore[attr-defined]
         try:
             with self._beginning:
-                if _START == "forkserver":
+                if START == "forkserver":
                     context.set_forkserver_preload(list(loads))
                 self._process.start()
         except BaseException:
