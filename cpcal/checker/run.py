@@ -163,7 +163,8 @@ class _Leg:
         same("proofs", (bracket["proofs"], bracket["point_certificate"]), ([], None))
         proofs = list[tuple[str, Accepted]]()
         if stated is not None and stated["certificate"] is not None:
-            ranges = self.accepted(stated["certificate"], every, stated["eps"])
+            ranges = self.certificates.accepted(stated["certificate"])
+            compare(self.of_the_problem(ranges, tuple(every), ranges.lo[-1]))  # from any eps on up to theirs
             same("eps of the ranges", stated["eps"], ranges.claims.cap)
             if stated["certificate"] != name:  # of one eps that was asked about
                 same("point of the ranges", None, ranges.claims.point)

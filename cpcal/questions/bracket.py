@@ -19,6 +19,7 @@ from cpcal.solver.certificate.exact_network import Statement
 from cpcal.solver.certificate.prover import Claims, WeightProver, claims
 from cpcal.solver.certificate.recording import Recording, SearchKeeper, UncheckableError, claims_of
 from cpcal.solver.contract import Contraction, Contractor, Limits, Named, Repeat, TakesParts, Verdict
+from cpcal.solver.execution.checkpoint_file import Line
 from cpcal.solver.execution.stopping import asked
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
@@ -68,11 +69,6 @@ class PreparedLeg(NamedTuple):
     def domain(self) -> Box:
         """All parameters, and every eps that is asked about."""
         return self.problem.network.domain
-
-    def at(self, eps: float) -> Box:
-        """All parameters, and one eps. Empty where the legs are too short for that one."""
-        lo, hi = self.domain["eps"].lo, self.domain["eps"].hi
-        return self.domain.replace("eps", lo=eps, hi=eps) if lo <= eps <= hi else Box.empty(self.domain.names)
 
     def alone(self, only: Places) -> "PreparedLeg":
         """The same for some measurements, without a certificate: no search need look at a box between two passes."""
@@ -144,13 +140,15 @@ class LegProver:
 class Answered(NamedTuple):
     """What was found, the name of its certificate, and the calls of the solver that led to it (method timeout).
 
-    `lost`: why there is no certificate, although something was proved that it could claim.
+    `lost`: why there is no certificate, although something was proved that it could claim. `steps`: of the search, for
+    one that goes on in the box that this one left.
     """
 
     minimum: Minimum
     certificate: str | None = None
     lost: Uncertified = Uncertified.NOTHING
     trials: tuple[Trial, ...] = ()
+    steps: tuple[Line, ...] = ()
 
 
 ToClaim = Callable[[Minimum, Box], Claims | None]
@@ -165,7 +163,7 @@ def the_answer(found: Minimum, domain: Box) -> Claims | None:
 def the_enclosure(found: Minimum, domain: Box) -> Claims | None:
     """That alone, since nothing else is going to be stated."""
     said = the_answer(found, domain)
-    return None if said is None else said | {"point": None}
+    return None if said is None else said | {"epsilon": None, "point": None}
 
 
 def searched(
@@ -174,19 +172,22 @@ def searched(
     *,
     file: str | None = None,
     domain: Box | None = None,
+    begun: Answered | None = None,
     limits: Limits | None = None,
     tell: Progress = None,
     **how: Any,
 ) -> Answered:
     """Branch and bound on eps, by all contractors asked for; with a certificate, what weights prove is the answer.
 
-    `to_claim`: what the certificate claims; `file`: its name, if not the leg's. `domain`: a part of the leg's. `how`:
-    what else `minimize` takes.
+    `to_claim`: what the certificate claims; `file`: its name, if not the leg's. `domain`: a part of the leg's. `begun`:
+    a search that enclosed all solutions in one box, where this one goes on. `how`: what else `minimize` takes.
     """
     question, domain = leg.question, leg.domain if domain is None else domain
     statement = None if to_claim is None else leg.stated(domain)
     with ExitStack() as keep:
         recording = None if statement is None else keep.enter_context(Recording(statement, domain))
+        if recording is not None and begun is not None:
+            recording.follow(begun.steps)
         keeper, kept = None, question.checkpoints
         if kept is not None:
             keeper = SearchKeeper(*kept.part(leg.leg, "search"), recording, resume=kept.resume)
@@ -195,7 +196,7 @@ def searched(
             "eps",
             leg.named,
             limits=limits or question.limits,
-            domain=domain,
+            domain=domain if begun is None else begun.minimum.enclosure,
             prepared=leg.problem,
             prover=None if statement is None else LegProver(leg, domain, statement),
             observe=None if recording is None else recording.event,
@@ -207,11 +208,26 @@ def searched(
         found = run(states, tell)
         if keeper is not None:
             keeper.end(found)
+        if begun is not None:
+            found = after(begun.minimum, found)
         torn = found.interrupted and not asked()  # by an exception, between any two lines: no stop that was asked for
         if to_claim is None or recording is None or torn or (said := to_claim(found, domain)) is None:
             return Answered(found)
         name, lost = written(question, file or f"leg{leg.leg}", recording, said)
-        return Answered(replace(found, contractors_used=recording.credited(found.contractors_used)), name, lost)
+        steps = tuple(recording.saved()) if recording.whole else ()
+        found = replace(found, contractors_used=recording.credited(found.contractors_used))
+        return Answered(found, name, lost, steps=steps)
+
+
+def after(begun: Minimum, found: Minimum) -> Minimum:
+    """What was found, with the work and the rows of a search before it."""
+    return replace(
+        found,
+        programs=begun.programs + found.programs,
+        seconds=begun.seconds + found.seconds,
+        rows=tuple(sorted({*begun.rows, *found.rows})),
+        contractors_used=total_use(begun.contractors_used, found.contractors_used),
+    )
 
 
 def written(question: Question, file: str, recording: Recording, said: Claims) -> tuple[str | None, Uncertified]:

@@ -8,11 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cpcal.checker.rule import hitting_set
-from cpcal.common.values import Floats, Indices, Json, Names, Places
+from cpcal.common.values import ArrayLike, Floats, Indices, Json, Names, Places
 from cpcal.models import built_in, exactly_read, leg_box, model_statement, of_measurements
 from cpcal.questions.bracket import (
     Answered,
     PreparedLeg,
+    after,
     by_timeout,
     network_of,
     prepared_leg,
@@ -41,7 +42,7 @@ from cpcal.solver.interval import Box
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.bound import Alone, Bracket, Minimum, support
 from cpcal.solver.optimize.local import Known, fit
-from cpcal.solver.optimize.witness import Prepared, verify_point
+from cpcal.solver.optimize.witness import Prepared, Witness, verify_point
 
 # at most for each try if a few measurements suffice: a convenience must not cost more than the answer
 _SUPPORT_NODES = 3
@@ -54,8 +55,9 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
     prepared, options, campaign = prepared_leg(question, leg), question.options, question.campaign
     center, eps = prepared.center, options.eps or 0.0
     start, tell = np.append(center, eps), None if question.progress is None else partial(question.progress, leg)
+    best, begun = _begun(prepared, start)
     if options.method == "bound":
-        answer = searched(prepared, the_answer, start=start, tell=tell)
+        answer = searched(prepared, the_answer, begun=begun, best=best, start=start, tell=tell)
     else:
         answer = by_timeout(prepared, start, tell)
     found, few = answer.minimum, _support(prepared, answer.minimum)
@@ -85,9 +87,9 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
             contractors_used=found.contractors_used,
         ),
     )
-    if options.ranges and not stopped:
-        ranges, stopped = ranges_of(prepared, result)
-        result = replace(result, ranges=ranges)
+    if options.ranges:
+        ranges, torn = ranges_of(prepared, result, begun, stopped=stopped)
+        result, stopped = replace(result, ranges=ranges), stopped or torn
     return result, stopped or asked() is not None
 
 
@@ -156,31 +158,65 @@ def range_eps(options: Options, leg: LegResult) -> float | None:
     """The eps asked about; else the tolerance, if the leg reaches it; else eps_hi and a tenth. None where none does."""
     if options.eps is not None:
         return None if leg.bracket.verdict is Verdict.REFUTED else options.eps
-    if leg.bracket.point is None:
-        return None
-    if options.tolerance is not None and leg.bracket.hi <= options.tolerance:
-        return options.tolerance
-    return MARGIN * leg.bracket.hi
+    return None if leg.bracket.point is None else _tolerated(options, leg.bracket.hi)
 
 
-def ranges_of(prepared: PreparedLeg, leg: LegResult) -> tuple[Ranges | None, bool]:
-    """The ranges of a leg that has its bracket, and whether the user interrupted the search for them."""
-    question, bracket = prepared.question, leg.bracket
+def _tolerated(options: Options, hi: float) -> float:
+    return options.tolerance if options.tolerance is not None and hi <= options.tolerance else MARGIN * hi
+
+
+def ranges_of(
+    prepared: PreparedLeg, leg: LegResult, begun: Answered | None = None, *, stopped: bool = False
+) -> tuple[Ranges | None, bool]:
+    """The ranges of a leg that has its bracket, and whether the user interrupted the search for them.
+
+    `begun`: the enclosure in which the bracket was sought; where it is of another eps, another one is found, unless the
+    user has `stopped` the work.
+    """
+    question, bracket, found = prepared.question, leg.bracket, begun
     eps = range_eps(question.options, leg)
-    if eps is None:
-        return None, False
-    if question.options.eps is not None:  # they are what was asked
+    if eps is not None and question.options.eps is not None:  # they are what was asked
         return None if bracket.enclosure.is_empty else Ranges(eps, bracket.enclosure, bracket.certificate), False
-    domain = prepared.at(eps)
-    if domain.is_empty:
-        return None, False
-    asked = prepared._replace(question=question._replace(checkpoints=None))
-    start = np.append(leg.center if bracket.point is None else bracket.point, eps)
-    found = searched(asked, the_enclosure, file=f"{PREFIX}leg{leg.leg}", domain=domain, start=start)
+    if begun is None or begun.minimum.hi != eps:
+        found = None if eps is None or stopped else _enclosed(prepared, bracket.point or (), eps)
+    if eps is None or found is None or found.minimum.interrupted:
+        (question.certificates or {}).pop(f"{PREFIX}leg{leg.leg}.cert.jsonl", None)
+        return None, found is not None
     box = found.minimum.enclosure
-    if box.is_empty or found.minimum.interrupted:
-        return None, found.minimum.interrupted
     return Ranges(eps, Box(question.model.parameters, box.lo[:-1], box.hi[:-1]), found.certificate), False
+
+
+def _enclosed(prepared: PreparedLeg, point: ArrayLike, eps: float) -> Answered | None:
+    """All parameters that reach an eps, as the point does, in one box. None where the legs are too short for it."""
+    question, domain = prepared.question, prepared.domain
+    if not domain["eps"].lo <= eps <= domain["eps"].hi:
+        return None
+    return searched(
+        prepared._replace(question=question._replace(checkpoints=None)),
+        the_enclosure,
+        file=f"{PREFIX}leg{prepared.leg}",
+        domain=domain.replace("eps", hi=eps),
+        limits=replace(question.limits, gap_absolute=np.inf),  # no bracket is sought
+        best=Known(Witness(np.append(point, eps), eps), 0),
+    )
+
+
+def _begun(prepared: PreparedLeg, start: Floats) -> tuple[Known | None, Answered | None]:
+    """The best point of the first fit, and the enclosure that the ranges are going to state, where they are asked for.
+
+    The search for the bracket goes on there: so its first steps, which are the same, are found and checked once.
+    """
+    question, options = prepared.question, prepared.question.options
+    if not (options.ranges and options.method == "bound" and options.eps is None and built_in(question.model)):
+        return None, None
+    alone = prepared._replace(question=question._replace(checkpoints=None))
+    first = searched(alone, limits=replace(question.limits, nodes=0), start=start).minimum
+    if first.witness is None:
+        return None, None
+    found = _enclosed(prepared, first.witness.point[:-1], _tolerated(options, first.hi))
+    if found is None or found.minimum.interrupted or not (found.steps or question.certificates is None):
+        return Known(first.witness, 1), None
+    return Known(first.witness, 1), found._replace(minimum=after(first, found.minimum))
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -68,6 +68,7 @@ def test_a_signal_leaves_what_is_proved(campaign, tmp_path, name, status):
         "checkpoint",
         *(f"leg{leg}.{of}cert.jsonl" for leg in (1, 2) for of in ("", "passes.", "recommended.")),
         "ranges-leg1.cert.jsonl",
+        "ranges-leg2.cert.jsonl",
         "report.html",
         "result.json",
     ]

@@ -6,7 +6,7 @@ import json
 import os
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
 from functools import partial
@@ -151,6 +151,11 @@ class Recording(AbstractContextManager["Recording"]):
             self._steps.writelines(str(step["step"]) for step in steps)
         except OSError as error:
             self._lost = error
+
+    def follow(self, steps: Sequence[Line]) -> None:
+        """Begin with what was saved of a search that left one box, where this one begins."""
+        last = max((json.loads(one["step"])[-1].get("as", 0) for one in steps[1:]), default=0)
+        self.restore([*steps, {"step": line([None, "", {"same": last, "as": 0}])}])
 
     def credited(self, uses: Iterable[ContractorUse]) -> tuple[ContractorUse, ...]:
         """With the number of steps that the certificate written last holds of each."""
