@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction as F
 from functools import lru_cache
 from hashlib import sha256
-from itertools import repeat
+from itertools import chain, repeat
 from operator import add, mul
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -186,7 +186,7 @@ def leg_problem(
     model: str,
     only: tuple[int, ...] | None,
     forms: Sequence[Polynomial] = (),
-    exact: Callable[[int], tuple[Pose, float]] | None = None,
+    exact: Callable[[Iterable[int]], Iterator[Exact]] | None = None,
 ) -> Problem:
     """`count` measurements of a leg, or `only` those. The `forms`, polynomials in its unknowns, are unknowns too; that
     each is equal to its polynomial is a constraint beyond the measurements. `exact`: these where all are exact."""
@@ -200,15 +200,14 @@ def leg_problem(
     def constraint(k: int, x: Unknowns, signs: str) -> LegConstraint | Constraint:
         return LegConstraint(known(k), model, x.first(n), signs) if k < count else stated[k - count].on(x.images)
 
-    def at(x: Unknowns, factor: F | None) -> Callable[[int, str], bool]:
-        point = At(x.first(n), model, factor)
-
-        def holds(k: int, signs: str) -> bool:
-            if k >= count:
-                return stated[k - count].on(x.images).held
-            return point.holds(known(k), signs) if exact is None else point.meets(*exact(k))
-
-        return holds
+    def at(x: Unknowns, points: Sequence[tuple[int, str]], factor: F | None) -> int | None:
+        point, places = At(x.first(n), model, factor), [k for k, _ in points if k < count]
+        if exact is not None:
+            wrong = point.unmet(exact(places))
+        else:
+            wrong = (k for k, signs in points[: len(places)] if not point.holds(known(k), signs))
+        of_forms = (k for k, _ in points[len(places) :] if not stated[k - count].on(x.images).held)
+        return next(chain(wrong, of_forms), None)
 
     chosen = tuple(range(count)) if only is None else only
     return Problem(
@@ -250,6 +249,9 @@ class Pose(NamedTuple):
         return Pose(p, n, (*parts, n << 2 * p, *(v << 2 * p for row in turn for v in row)))
 
 
+Exact = tuple[int, Pose, float]  # a measurement whose reading is exact
+
+
 class At:
     """A point, of which it is proved measurement by measurement that it satisfies them.
 
@@ -267,18 +269,23 @@ class At:
         sizes = inner(ab, ab) - self.one * self.h
         self.parts = (self.one * self.one, *doubled, sizes, *(-2 * i * j for i in self.a for j in self.b))
 
-    def meets(self, pose: Pose, reading: float) -> bool:
-        """One whose reading is exact."""
-        (p, n, parts), (above, below) = pose, reading.as_integer_ratio()
-        own = below.bit_length() - 1
-        unit = max(p, own)  # of the reading
-        read, offset, off = above << unit - own, self.offset << unit, self.eps << unit
-        length, square = self.gain * read + offset, sum(map(mul, parts, self.parts)) << 2 * (unit - p)
-        self.x.spend(_EXACT_WORK + (square.bit_length() ** 2 >> _POINT_BITS))
-        high, low = length + off, length - off
-        if not 0 <= off <= self.one * read + offset or high < 0 or (self.factor is not None and low < 0):
-            return False
-        return 0 <= square <= n * high * high and (low <= 0 or n * low * low <= square)
+    def unmet(self, given: Iterable[Exact]) -> Iterator[int]:
+        """Those that it does not satisfy, of some whose readings are exact."""
+        own_parts, gain, one, offset, eps, strict = (
+            self.parts, self.gain, self.one, self.offset, self.eps, self.factor is not None
+        )  # fmt: skip
+        spend = self.x.spend
+        for k, (p, n, parts), reading in given:
+            above, below = reading.as_integer_ratio()
+            own = below.bit_length() - 1
+            unit = max(p, own)  # of the reading
+            read, off = above << unit - own, eps << unit
+            length, square = gain * read + (offset << unit), sum(map(mul, parts, own_parts)) << 2 * (unit - p)
+            spend(_EXACT_WORK + (square.bit_length() ** 2 >> _POINT_BITS))
+            high, low = length + off, length - off
+            longer = 0 <= off <= one * read + (offset << unit) and high >= 0 and not (strict and low < 0)
+            if not (longer and 0 <= square <= n * high * high and (low <= 0 or n * low * low <= square)):
+                yield k
 
     def holds(self, m: Measurement, signs: str) -> bool:
         """One whose reading its signs name.
@@ -287,7 +294,7 @@ class At:
         docs/certificate-format.md, "The claims", for every name here.
         """
         if not m.uncertain:
-            return self.meets(Pose.of(m.given[:7]), m.given[7])
+            return not any(True for _ in self.unmet([(0, Pose.of(m.given[:7]), m.given[7])]))
         factor, at = self.factor, self.x.at
         given, radii, (above, below) = dyadics(m.given), dyadics(m.radii), (factor or F(1)).as_integer_ratio()
         p = max(given.power, radii.power + below.bit_length(), at.power)
@@ -525,15 +532,17 @@ class ExactCampaign:
         given = (*numbers[3:7], *numbers[:3], numbers[6 + leg])
         return Measurement(given, (*numbers[first : first + 6], numbers[first + 5 + leg]))
 
-    def pose(self, k: int, leg: int) -> tuple[Pose, float]:
-        """Of row k, and the reading of a leg."""
-        first = k * (13 + 2 * self.legs)
-        found = self._poses.get(k)
-        if found is None:
-            found = Pose.of((*self._numbers[first + 3 : first + 7], *self._numbers[first : first + 3]))
-            if len(self._poses) < _MOST_POSES and found.power < _SHORT:
-                self._poses[k] = found
-        return found, self._numbers[first + 6 + leg]
+    def poses(self, rows: Iterable[int], leg: int) -> Iterator[Exact]:
+        """Of rows, each with its pose and the reading of a leg."""
+        width, known, numbers = 13 + 2 * self.legs, self._poses, self._numbers
+        for k in rows:
+            first = k * width
+            found = known.get(k)
+            if found is None:
+                found = Pose.of((*numbers[first + 3 : first + 7], *numbers[first : first + 3]))
+                if len(known) < _MOST_POSES and found.power < _SHORT:
+                    known[k] = found
+            yield k, found, numbers[first + 6 + leg]
 
     def shortest(self, leg: int) -> F:
         """Of all lengths that the readings of a leg may stand for."""

@@ -184,7 +184,7 @@ class Problem:
     radii: Callable[[int], tuple[float | F, ...]] = _none  # of the readings of k: 0 where they are exact
     sides: Names = SIDES
     model: str | None = None  # of a leg; None: the certificate states the constraints
-    at: Callable[[Unknowns, F | None], Callable[[int, str], bool]] | None = None  # of a leg: what holds at a point
+    at: Callable[..., int | None] | None = None  # of a leg: what is asked of `unproved`
     forms: tuple[Any, ...] = ()  # of a leg: polynomials that are the last of its unknowns
     # rows of what is no Constraint; of some that have one formula
     settled: Callable[[Unknowns, Sequence[Any], str], Iterable[Polynomial]] = _none
@@ -221,8 +221,9 @@ class Problem:
     def unproved(self, x: Unknowns, points: Sequence[tuple[int, str]], factor: F | None = None) -> int | None:
         """The first of these numbers that it is not proved of that the point, a box of width zero, satisfies it: for
         some reading between the end that its signs name and the opposite one, or with a `factor` for all readings."""
-        holds = self.at(x, factor) if self.at else lambda k, signs: self.constraint(k, x, signs).held
-        return next((k for k, signs in points if not holds(k, signs)), None)
+        if self.at is not None:
+            return self.at(x, points, factor)
+        return next((k for k, signs in points if not self.constraint(k, x, signs).held), None)
 
     def fails(self, x: Unknowns, side: str, k: int, signs: str) -> bool:
         """Whether it is proved that it does not for any reading."""

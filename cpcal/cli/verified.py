@@ -60,7 +60,7 @@ def of_run(run: Path, checked: Callable[[], list[LegChecked]], *, verbose: bool)
     if unfinished(run):
         yield True, "Another run into this folder is at work, or was killed: these are the answers before it."
     result, legs = _read(load_result, run), checked()
-    campaign = load_campaign_json(run)
+    campaign = load_campaign_json(run, checked=True)
     for sentence in _stated_otherwise(campaign, result):
         yield False, f"{RESULT_NAME}: REFUSED, {sentence}"
     if missing := notices(result, campaign.legs):

@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ import numpy as np
 from cpcal.common.documents import KeyPath, TomlReader, array, csv_table, document, name, whole, written
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import NAME_MAX, StrPath, small_file, write_file, write_folder
-from cpcal.common.values import Floats, Json, Texts, fill, floats
+from cpcal.common.values import Floats, Json, Texts, fill
 from cpcal.files.tables import Table, read_table
 from cpcal.robot import EXACT_OR_NOT, ROBOTS, Campaign, ModelChoice, Pose, PoseTable, Robot, Study, Truth, Uncertainty
 from cpcal.robot.campaign import ARRAYS, QUATERNION_TOLERANCE, quaternion_problem
@@ -424,8 +425,9 @@ def keep_beside(campaign: Campaign, certificate: StrPath) -> None:
         raise unusable(path, "is of another campaign", "choose another folder for the certificate")
 
 
-def load_campaign_json(path: StrPath) -> Campaign:
-    """The campaign of a file, or of the `campaign.json` in a folder. Raises InputError."""
+def load_campaign_json(path: StrPath, *, checked: bool = False) -> Campaign:
+    """The campaign of a file, or of the `campaign.json` in a folder. Raises InputError, also where the file is not as
+    cpcal writes it, unless the checker has read it."""
     file = Path(path) / CAMPAIGN_NAME if Path(path).is_dir() else Path(path)
     content = small_file(file, "name the folder of a run", most=_LARGEST)
     try:
@@ -435,7 +437,7 @@ def load_campaign_json(path: StrPath) -> Campaign:
         campaign = _campaign(data)
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
         raise unusable(file, f"cannot be used: {error!r}", _REMEDY) from None
-    if campaign_json(campaign) != content:
+    if not checked and campaign_json(campaign) != content:
         raise unusable(file, "is not as cpcal writes it", _REMEDY)
     return campaign
 
@@ -443,7 +445,8 @@ def load_campaign_json(path: StrPath) -> Campaign:
 def _campaign(data: Json) -> Campaign:
     robot, stated, asked = Robot(**data["robot"]), data["uncertainty"], data["model"]
     rows: list[list[str]] = data["measurements"]
-    numbers = floats([[float(v) for v in row[2:]] for row in rows]).reshape(len(rows), -1)
+    given = chain.from_iterable(row[2:] for row in rows)
+    numbers = np.fromiter(map(float, given), np.float64).reshape(len(rows), -1)
     if stated is not None and stated["factor"] is not None:
         stated["factor"] = float(stated["factor"])
     campaign = Campaign(
