@@ -8,7 +8,7 @@ import math
 from collections import Counter
 from functools import cached_property, lru_cache
 from math import comb
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -53,6 +53,7 @@ def _form(beta: Monomial, delta: Monomial, on_beta: float, on_delta: float, on_g
     return (beta[0], beta[0], 1.0, -1.0) if on_gamma > 0.0 else (beta[0], 0.5 * on_beta)
 
 
+@lru_cache(maxsize=16)
 def column_bounds(monomials: Monomials) -> IntervalArray:
     """[-1, 1] for every monomial but the constant; [0, 1] for those with even exponents only."""
     even = np.array([_is_square(m) for m in monomials[1:]], bool)
@@ -161,43 +162,58 @@ class Shift:
             return np.asarray(np.ldexp(product, exponent[self._factors].sum(axis=1)))
 
 
-class CentredRows:
-    """K rows of polynomials `coefficients` (1 + J, K, M), in the J readings and the monomials of a `Shift`.
+# `CentredRows` as kernels take them: machine code that is kept must not name a class of this package, which a module
+# of the user's may hide.
+Held = tuple[Any, ...]
+
+
+class CentredRows(NamedTuple):
+    """K rows of polynomials in the J readings and the monomials of a `Shift`, as `_split` leaves them.
 
     `matters` (M,): whether the coefficient of a monomial, at the centres of the readings, is not zero in some row.
     """
 
-    def __init__(self, shift: Shift, coefficients: IntervalArray) -> None:
-        self._gamma = 4.0 * (len(shift.beta) * coefficients.shape[0] + shift.degree + 8) * _UNIT
+    mid: Floats  # (1 + J, M, K)
+    errors: Floats  # (M, K)
+    matters: Bools
+    terms: Indices  # of the shift, those that count
+    beta: Indices  # of these
+    alpha: Indices
+    gamma: float
+
+    @classmethod
+    def of(cls, shift: Shift, coefficients: IntervalArray) -> "CentredRows":
+        """`coefficients` are (1 + J, K, M)."""
+        gamma = 4.0 * (len(shift.beta) * coefficients.shape[0] + shift.degree + 8) * _UNIT
         # along the rows in memory, for the loops of `_centred`
         lo = np.ascontiguousarray(coefficients.lo.transpose(0, 2, 1))
         hi = lo if coefficients.lo is coefficients.hi else np.ascontiguousarray(coefficients.hi.transpose(0, 2, 1))
-        self._mid, self._errors, self.matters = _split(lo, hi, self._gamma)
-        self._terms = np.flatnonzero(np.any(self._errors, axis=1)[shift.alpha])
-        self._beta, self._alpha = shift.beta[self._terms], shift.alpha[self._terms]
+        mid, errors, matters = _split(lo, hi, gamma)
+        terms = np.flatnonzero(np.any(errors, axis=1)[shift.alpha])
+        return cls(mid, errors, matters, terms, shift.beta[terms], shift.alpha[terms], gamma)
 
     def on(self, rounded: Floats) -> tuple[Floats, Floats]:
         """On a box with these terms of the shift: coefficients (M, K) of every u^beta, and a widening (K,): for all
         readings in their sets the row's value at u lies within the widening of `coefficients.T @ u^beta`.
         """
-        terms = rounded[self._terms]
-        return _centred(self._mid, self._errors, self._beta, self._alpha, terms, self._gamma)
+        return _centred(tuple(self), rounded)
 
 
 @compiled
-def _centred(
-    mid: Floats, errors: Floats, beta: Indices, alpha: Indices, term: Floats, gamma: float
-) -> tuple[Floats, Floats]:
+def _centred(held: Held, rounded: Floats) -> tuple[Floats, Floats]:
     """`errors` (M, K): for each coefficient its own radius, and all roundings of its products, per unit of a term.
 
     A sum of p products errs by at most p u / (1 - p u) times the sum of their sizes; gamma is four times p u for all p
     that occur, which covers the roundings of the widening, too.
     """
+    mid, errors, _, terms, beta, alpha, gamma = held
     slots, size, count = mid.shape
+    term = np.empty(beta.size)
     rows = np.zeros((size, count))
     widening = np.full(count, _UNDERFLOW)
     extent = np.zeros(size)
     for t in range(term.size):
+        term[t] = rounded[terms[t]]
         extent[alpha[t]] += abs(term[t]) + _UNDERFLOW
     for m in range(size):
         if extent[m] > 0.0:
@@ -220,6 +236,27 @@ def _centred(
     for k in range(count):
         widening[k] *= 1.0 + gamma
     return rows, widening
+
+
+@compiled
+def _up(value: float, count: int) -> float:
+    """An upper bound of a sum of so many numbers >= 0, computed in any order."""
+    return value * (1.0 + (count + 8) * 2.0 * _UNIT) + _SMALLEST
+
+
+@compiled
+def _widened(widening: Floats, guards: Floats, error: Floats, guarded: Bools) -> None:
+    """The widening of guarded rows with the square of what their guards (M, G) may fall short by: see `Row`."""
+    row = 0
+    for k in range(guarded.size):
+        if guarded[k]:
+            beside = error[row]
+            for m in range(1, len(guards)):
+                beside += abs(guards[m, row])
+            lowest = np.nextafter(guards[0, row] - _up(beside, len(guards)), -np.inf)
+            short = min(lowest, 0.0) if np.isfinite(lowest) else -np.inf  # what overflowed on its way may be anything
+            widening[k] += _up(short * short, 1)
+            row += 1
 
 
 @compiled
@@ -307,20 +344,31 @@ def reach(rows: Floats, rhs: Floats, has_column: Bools, lower: Floats, upper: Fl
 
 @compiled
 def programmed(
-    rows: Floats,
-    rhs: Floats,
+    rounded: Floats,
+    own: Held,
+    guards: Held,
+    guarded: Bools,
     products: Floats,
     beside: Floats,
     dividing: Bools,
     linear: Bools,
     box: Arrays,
 ) -> tuple[Indices, Indices, Indices, Indices, Floats, Floats]:
-    """The linear program of rows (M, K) with right sides, and of products (P, M) with theirs, `beside`, in a `box`.
+    """The linear program of rows, with `guards` of some, on a box with these terms of the shift, and of products (P, M)
+    with their right sides `beside`, in the `box` of all columns.
 
     It gives the columns, those that divide (a row of `dividing` each) a monomial with a coefficient or a linear one;
     the products that lie in them; the rows that some point may violate; the exponents of these; and an array (columns,
     products + rows) with its right sides.
     """
+    whole, rhs = _centred(own, rounded)
+    if guarded.any():
+        values, error = _centred(guards, rounded)
+        _widened(rhs, values, error, guarded)
+    for k in range(rhs.size):
+        constant = whole[0, k]
+        rhs[k] = rhs[k] - constant + 4.0 * _UNIT * (abs(rhs[k]) + abs(constant))
+    rows = whole[1:]
     exponents, highest = scaled(rows, rhs)
     has_column = np.zeros(highest.size, np.bool_)
     for m in range(highest.size):
@@ -354,16 +402,18 @@ class Structure:
     def __init__(self, system: PolynomialSystem) -> None:
         self.system = system
         self.shift = _shift(system.monomials, len(system.names))
-        self.rows = CentredRows(self.shift, system.coefficients)
-        self.guards = CentredRows(self.shift, _guards(system)) if system.guarded.any() else None
+        rows = CentredRows.of(self.shift, system.coefficients)
+        guards = CentredRows.of(self.shift, _guards(system)) if system.guarded.any() else rows
         # A monomial whose coefficients all contain zero is bounded, not given a column.
         divisors = _divisors(system.monomials)
-        self.used = _paying(divisors, self.rows.matters[1:], system.monomials[1:])
-        self.dividing = divisors & self.used[:, None]
-        self.linear = np.array([len(m) < 2 for m in system.monomials[1:]], np.bool_)
+        self.used = used = _paying(divisors, rows.matters[1:], system.monomials[1:])
+        linear = np.array([len(m) < 2 for m in system.monomials[1:]], np.bool_)
         self.bounds = column_bounds(system.monomials)
-        self.products = _products(system.monomials, self.used.tobytes())
-        self.positions = {m[0]: k - 1 for k, m in enumerate(system.monomials) if len(m) == 1 and self.used[k - 1]}
+        self.products = _products(system.monomials, used.tobytes())
+        products, bounds = self.products, self.bounds
+        held = tuple(rows), tuple(guards), system.guarded
+        self.given = (*held, products.matrix, products.rhs, divisors & used[:, None], linear, (bounds.lo, bounds.hi))
+        self.positions = {m[0]: k - 1 for k, m in enumerate(system.monomials) if len(m) == 1 and used[k - 1]}
 
     @cached_property
     def origins(self) -> list[tuple[int, int]]:
@@ -426,28 +476,12 @@ class Relaxation:
 
     def __init__(self, structure: Structure, box: Box) -> None:
         self.center, self.radius = box.mid, box.rad
-        with np.errstate(all="ignore"):
-            terms = structure.shift.rounded(self.center, self.radius)
-            rows, widening = structure.rows.on(terms)
-            if structure.guards is not None:  # with the square of what a guard may fall short by: see `Row`
-                guards, error = structure.guards.on(terms)
-                lowest = np.nextafter(guards[0] - _up(np.abs(guards[1:]).sum(axis=0) + error, len(guards)), -np.inf)
-                lowest = np.where(np.isfinite(lowest), lowest, -np.inf)  # what overflowed on its way may be anything
-                widening[structure.system.guarded] += _up(np.minimum(lowest, 0.0) ** 2, 1)
-            rhs = widening - rows[0] + 4.0 * _UNIT * (np.abs(widening) + np.abs(rows[0]))
-        products, bounds = structure.products, structure.bounds
-        given = rows[1:], rhs, products.matrix, products.rhs, structure.dividing, structure.linear
-        found = programmed(*given, (bounds.lo, bounds.hi))
+        found = programmed(structure.shift.rounded(self.center, self.radius), *structure.given)
         self.columns, self.products, self.kept, self.exponents, matrix, self.rhs = found
-        self.matrix, self.bounds = matrix.T, bounds[self.columns]
+        self.matrix, self.bounds = matrix.T, structure.bounds[self.columns]
 
     def value(self, variable: int, u: float) -> tuple[float, float]:
         """Enclosure of `c + r u` for one variable: four roundings, each of at most a unit of these sizes."""
         center, reach = float(self.center[variable]), float(self.radius[variable]) * u
         value, error = center + reach, 4.0 * _UNIT * (abs(center) + abs(reach)) + _SMALLEST
         return value - error, value + error
-
-
-def _up(values: Floats, count: int) -> Floats:
-    """Upper bounds of sums of so many numbers >= 0, computed in any order."""
-    return values * (1.0 + (count + 8) * 2.0 * _UNIT) + _SMALLEST

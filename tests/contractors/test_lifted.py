@@ -46,7 +46,7 @@ def test_monomials_in_a_boxs_coordinates_lie_within_the_widening(degree: int, se
     center, radius = rng.normal(0, 100, 3), 10.0 ** rng.uniform(-8, 3, 3)
     each = IntervalArray.point(np.eye(len(monomials))[None])
     shift = Shift(monomials, 3)
-    matrix, widening = CentredRows(shift, each).on(shift.rounded(center, radius))
+    matrix, widening = CentredRows.of(shift, each).on(shift.rounded(center, radius))
     u = [Fraction(v) for v in rng.uniform(-1, 1, 3)]
     x = [Fraction(c) + Fraction(r) * v for c, r, v in zip(center, radius, u, strict=True)]
     for row, alpha in enumerate(monomials):

@@ -182,12 +182,12 @@ class Expander:
 
     def _operation(self, node: Expr, args: list[PolynomialArray]) -> Polynomial:
         x, op = args[0], node.op
-        known = all(arg.is_constant for arg in args) and op not in ("index", "sum")
-        if known and all(len(arg.coefficients[0]) == 1 for arg in args):
-            return _over_readings(node, args)
         lo, hi = x.coefficients
         if op == "neg":
             return x.monomials, (-hi, -lo)
+        known = all(arg.is_constant for arg in args) and op not in ("index", "sum")
+        if known and all(len(arg.coefficients[0]) == 1 for arg in args):
+            return _over_readings(node, args)
         if op == "index":
             places = node.places.ravel() % lo.shape[2]  # 0 where all are the same
             return x.monomials, (lo.take(places, 2), hi.take(places, 2))
@@ -360,7 +360,7 @@ def split(row: Row) -> list[Row] | None:
         if (op, sign) == ("abs", 1):
             return [row._replace(expr=rest + s * factor * node.args[0]) for s in (1.0, -1.0)]
         if op in ("abs", "sqrt") and sign:
-            squared = _times(sqr(factor), node.args[0])
+            squared = _times(_times(factor, factor), node.args[0])
             if op == "abs":
                 squared = sqr(_times(factor, node.args[0]))
             if sign < 0:

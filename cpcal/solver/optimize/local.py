@@ -349,7 +349,7 @@ class Incumbent:
             prepared = self._prepared
             better = self._keep(fit_of_many(prepared.network, prepared.rows, o, start, self.domain).point)
         better = better or (not self._one_value and self._keep(start))
-        if self._local.applies and not (self._prepared.minimax and (better or self._one_value)) and _due(self.calls):
+        if not (self._prepared.minimax and (better or self._one_value)) and self._local.applies and _due(self.calls):
             for point in self._local.proposals(start):
                 kept = self._keep(point)
                 better = better or kept

@@ -48,7 +48,7 @@ class Equations:
     def __init__(self, network: ConstraintNetwork) -> None:
         plain = network.without_constraints()
         plain.add([c for c in network.constraints if not reads(c)])
-        self._domain, self._equalities = network.domain, Equalities(plain)
+        self._equalities = Equalities(plain)
         self.count, self.rest, self.rows = self._equalities.count, self._equalities.rest, self._equalities.rows
         reach = self._equalities.tape.reach.leaf
         self.enter = frozenset(reach[reach < len(network.names)].tolist())
@@ -56,22 +56,17 @@ class Equations:
         self._flat = [part for root in self._equalities.roots for part in (root.reshape(-1) if root.shape else [root])]
         self._provers: dict[Places, UniquenessProver] = {}  # by the equations that they are about
 
-    def within(self, domain: Box) -> Equations:
-        """The same in a part of the domain."""
-        other = copy(self)
-        other._domain = domain
-        return other
-
-    def solved(self, point: Floats) -> Box | None:
+    def solved(self, point: Floats, domain: Box) -> Box | None:
         """A tiny box around the point (n,) in which the equations have a solution; the others are single numbers."""
-        lo, hi = self._domain.lo, self._domain.hi
+        lo, hi = domain.lo, domain.hi
         near = _NEAR * np.maximum(np.abs(point), 1.0)
         low, high = point - lo <= near, hi - point <= near  # components next to an end of their domain are put there
         point, free = np.where(low, lo, np.where(high, hi, point)), ~(low | high)
-        rows = self._open(point, free)
+        rows = self._open(np.where(free, lo, point), np.where(free, hi, point))
         if not rows.size:
-            return Box(self._domain.names, point, point)
-        unknowns = self._unknowns(point, rows, free)
+            return Box(domain.names, point, point)
+        room = np.minimum(np.minimum(point - lo, hi - point), _WIDEST * np.maximum(np.abs(point), 1.0))
+        unknowns = self._unknowns(point, rows, np.where(free, room, 0.0))
         if unknowns is None:
             return None
         key = tuple(rows.tolist())
@@ -79,13 +74,12 @@ class Equations:
             alone = self._network.without_constraints()
             alone.add([self._flat[k] == 0.0 for k in key])
             self._provers[key] = UniquenessProver(alone)
-        found = self._provers[key].among(point, unknowns).prove(Box(self._domain.names, point, point))
+        found = self._provers[key].among(point, unknowns).prove(Box(domain.names, point, point))
         return None if found is None else found.box
 
-    def _open(self, point: Floats, free: Bools) -> Indices:
-        """The equations that do not hold already, whatever the components are that are at no end: 0 times them, say."""
+    def _open(self, lo: Floats, hi: Floats) -> Indices:
+        """The equations that do not hold on all of a box already, as 0 times what is free in it does."""
         tape = self._equalities.tape
-        lo, hi = np.where(free, self._domain.lo, point), np.where(free, self._domain.hi, point)
         with np.errstate(all="ignore"):
             slots = tape.forward(IntervalArray(lo[None], hi[None]))
             values = tape.values(slots)
@@ -93,12 +87,10 @@ class Equations:
                 return np.arange(self.count)
         return np.flatnonzero((values.lo[0] != 0.0) | (values.hi[0] != 0.0))
 
-    def _unknowns(self, point: Floats, rows: Indices, free: Bools) -> Indices | None:
-        jacobian = self.rows.linearize(point).jacobian[rows]
-        lo, hi = self._domain.lo, self._domain.hi
+    def _unknowns(self, point: Floats, rows: Indices, room: Floats) -> Indices | None:
+        """`room` (n,): how far components may move, 0 for those that may not."""
         with np.errstate(all="ignore"):
-            room = np.minimum(np.minimum(point - lo, hi - point), _WIDEST * np.maximum(np.abs(point), 1.0))
-            scaled = jacobian * np.where(free, room, 0.0)
+            scaled = self.rows.linearize(point).jacobian[rows] * room
         if len(rows) > len(point) or not all_finite(scaled):
             return None
         from scipy import linalg  # here: it takes a third of a second to load
@@ -131,18 +123,24 @@ class WitnessProver:
     """Proves points of one network."""
 
     def __init__(self, network: ConstraintNetwork, objective: int) -> None:
-        self.objective, self._domain = objective, network.domain
+        self.objective, self._network, self._domain = objective, network, network.domain
         self._plain = _Rows(network, [c for c in network.constraints if not reads(c)], objective)
         self.reading = [ReadingConstraint(network, c) for c in network.constraints if reads(c)]
-        self.equations = Equations(network)
-        rest = list(self.equations.rest.constraints) if self.equations.count else []
-        self._rest = _Rows(network, [c for c in rest if not reads(c)], objective)
 
     def within(self, domain: Box) -> WitnessProver:
         """The same for points in a part of the network's domain."""
         other = copy(self)
-        other._domain, other.equations = domain, self.equations.within(domain)
+        other._domain = domain
         return other
+
+    @cached_property
+    def equations(self) -> Equations:
+        """Made where a point needs them: in most networks there are none."""
+        return Equations(self._network)
+
+    @cached_property
+    def _rest(self) -> _Rows:
+        return _Rows(self._network, [c for c in self.equations.rest.constraints if not reads(c)], self.objective)
 
     def prove(self, point: Floats) -> Witness | None:
         """The smallest objective (within rounding) at which the rest of `point` is proved, or None.
@@ -155,7 +153,7 @@ class WitnessProver:
         found = self._raised(self._plain, IntervalArray.point(candidate), candidate)
         if found is not None or not self.equations.count:
             return found
-        solved = self.equations.solved(candidate)  # a box that is known to hold a solution of the equations
+        solved = self.equations.solved(candidate, self._domain)  # a box that is known to hold a solution of them
         if solved is None:
             return None
         middle = solved.mid
