@@ -12,9 +12,8 @@ from cpcal.common.errors import ModelError
 from cpcal.common.values import Bools, Floats, Indices, all_finite, floats
 from cpcal.solver.existence.operators import Equalities, inside, newton_all
 from cpcal.solver.interval import Box, IntervalArray
-from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape, rows_tape
+from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape, one_sided_rows, rows_tape
 from cpcal.solver.network.forms import exactly_zero
-from cpcal.solver.network.polynomial import one_sided
 from cpcal.solver.network.rows import Extremes
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -78,17 +77,20 @@ def _inside(values: Floats, reading: Expr) -> IntervalArray:
     return IntervalArray.point(np.where(data.lo == data.hi, data.lo, np.clip(values, lo, hi)))
 
 
-def sides(constraint: Constraint) -> list[Expr]:
-    """Expressions that are at most zero where the constraint holds: none for a bound that is not there.
+def sides(network: ConstraintNetwork) -> list[list[Expr]]:
+    """For each constraint expressions that are at most zero where it holds: none for a bound that is not there.
 
     An element without any bound asks to be defined: 0 times it.
     """
-    rows = one_sided(0, constraint)
-    bounded = np.zeros(constraint.body.size, bool)
-    for row in rows:
-        bounded[slice(None) if row.elements is None else row.elements] = True
-    idle = [] if bounded.all() else [0.0 * constraint.body.reshape(-1)[np.flatnonzero(~bounded)]]
-    return [row.expr for row in rows] + idle
+    constraints = network.constraints
+    out, idle = [list[Expr]() for _ in constraints], [np.ones(c.body.size, bool) for c in constraints]
+    for row in one_sided_rows(network):
+        out[row.constraint].append(row.expr)
+        idle[row.constraint][slice(None) if row.elements is None else row.elements] = False
+    for constraint, own, places in zip(constraints, out, idle, strict=True):
+        if places.any():
+            own.append(0.0 * constraint.body.reshape(-1)[np.flatnonzero(places)])
+    return out
 
 
 def upper_ends(x: IntervalArray, size: int) -> Floats:
@@ -119,7 +121,8 @@ class Inside:
 
     def __init__(self, network: ConstraintNetwork) -> None:
         self._domain = network.domain
-        self._plain = Tape(network, [e for c in network.constraints if not reads(c) for e in sides(c)])
+        both = zip(network.constraints, sides(network), strict=True)
+        self._plain = Tape(network, [e for c, own in both if not reads(c) for e in own])
         self._reading = [ReadingConstraint(network, c) for c in network.constraints if reads(c)]
 
     def __call__(self, box: Box) -> bool:

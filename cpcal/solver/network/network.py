@@ -29,6 +29,7 @@ Domain = Interval | tuple[ArrayLike, ArrayLike]
 T = TypeVar("T")
 
 _KEPT = 16  # things made of one network
+_NOTHING = Box((), [], [])
 _numbers = itertools.count(1)  # of networks without a name, for messages
 
 
@@ -39,7 +40,7 @@ class ConstraintNetwork:
         self.name = checked_name(name or f"network {next(_numbers)}")
         self._variables: dict[str, Expr] = {}
         self._domains: list[Box] = []
-        self._domain = Box((), [], [])  # of the variables when it was last asked for
+        self._domain = _NOTHING  # of the variables when it was last asked for
         self._owner: dict[str, str] = {}  # of every component's name, the variable
         self._constraints: list[Constraint] = []
         self._made: dict[Hashable, Any] = {}  # the last few things that were made of it, by what they depend on

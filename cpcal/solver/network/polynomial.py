@@ -7,7 +7,7 @@ elements of an array share their monomials, which is what makes N measurements c
 import math
 import time
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -237,9 +237,10 @@ def _over_readings(node: Expr, args: list[PolynomialArray]) -> Polynomial:
     return ((),), (values.lo, values.hi)
 
 
-def pairs(monomials: Iterable[Monomial]) -> int:
-    """How many pairs of two there are such that one divides the other, and it one of these."""
-    return sum(math.prod((k + 1) * (k + 2) // 2 for k in Counter(m).values()) for m in monomials)
+@lru_cache(maxsize=4096)
+def pairs(monomial: Monomial) -> int:
+    """How many pairs of two there are such that one divides the other, and it the monomial."""
+    return math.prod((k + 1) * (k + 2) // 2 for k in Counter(monomial).values())
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -461,9 +462,10 @@ class PolynomialForms:
                 forms = [self._expander.expand(root) for root in roots]
                 forms = self._expander.again(roots, own) if own else forms
                 more = {m for p in forms for m in p.monomials} - monomials
-                if size + pairs(more) > MOST_PAIRS:
+                larger = size + sum(map(pairs, more))
+                if larger > MOST_PAIRS:
                     raise NotPolynomial("with the other rows, too many products")
-                monomials, size = monomials | more, size + pairs(more)
+                monomials, size = monomials | more, larger
                 expanded.append((part, forms[0], None if part.guard is None else forms[1]))
             except NotPolynomial as reason:
                 leftover.append((part.constraint, str(reason)))

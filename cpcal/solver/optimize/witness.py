@@ -28,7 +28,7 @@ from cpcal.solver.existence.unique import (
 )
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, one_sided_rows, rows_tape
-from cpcal.solver.network.expression import topological
+from cpcal.solver.network.expression import Expr, topological
 from cpcal.solver.network.rows import DecisiveReadings, Rows, shared_tape
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -124,7 +124,7 @@ class WitnessProver:
 
     def __init__(self, network: ConstraintNetwork, objective: int) -> None:
         self.objective, self._network, self._domain = objective, network, network.domain
-        self._plain = _Rows(network, [c for c in network.constraints if not reads(c)], objective)
+        self._plain = _Rows(network, objective)
         self.reading = [ReadingConstraint(network, c) for c in network.constraints if reads(c)]
 
     def within(self, domain: Box) -> WitnessProver:
@@ -140,7 +140,7 @@ class WitnessProver:
 
     @cached_property
     def _rest(self) -> _Rows:
-        return _Rows(self._network, [c for c in self.equations.rest.constraints if not reads(c)], self.objective)
+        return _Rows(self.equations.rest, self.objective)
 
     def prove(self, point: Floats) -> Witness | None:
         """The smallest objective (within rounding) at which the rest of `point` is proved, or None.
@@ -198,13 +198,12 @@ class WitnessProver:
 class _Rows:
     """Constraints without readings as rows `r <= 0`: those that the objective enters, and the others."""
 
-    def __init__(self, network: ConstraintNetwork, constraints: list[Constraint], objective: int) -> None:
-        groups: tuple[list[Constraint], list[Constraint]] = ([], [])
-        for c in constraints:
-            groups[_enters(network, objective, c)].append(c)
-        self._tapes = [
-            shared_tape(network, [e for c in group for e in sides(c)]) if group else None for group in groups
-        ]
+    def __init__(self, network: ConstraintNetwork, objective: int) -> None:
+        groups: tuple[list[Expr], list[Expr]] = ([], [])
+        each = zip(network.constraints, sides(network), _entered(network, objective), strict=True)
+        for constraint, own, mended in each:
+            groups[mended].extend([] if reads(constraint) else own)
+        self._tapes = [shared_tape(network, group) if group else None for group in groups]
 
     def worst(self, box: IntervalArray) -> tuple[float, bool]:
         """The worst row on a box (1, n), and whether it is one that no objective mends."""
@@ -246,12 +245,14 @@ class Prepared:
     @cached_property
     def minimax(self) -> bool:
         """Whether every constraint may be mended by the objective."""
-        return all(_enters(self.network, self.objective, constraint) for constraint in self.network.constraints)
+        return all(_entered(self.network, self.objective))
 
 
-def _enters(network: ConstraintNetwork, component: int, constraint: Constraint) -> bool:
+def _entered(network: ConstraintNetwork, component: int) -> list[bool]:
+    """Which constraints the variable enters that has this component."""
     leaf = next(leaf for leaf, places in network.places.items() if component in places)
-    return any(node.digest == leaf for node in topological(constraint.parts))
+    each = (topological(constraint.parts) for constraint in network.constraints)
+    return network.once(("enters", leaf), lambda: [any(node.digest == leaf for node in nodes) for nodes in each])
 
 
 # ------------------------------------------------------------------------------------------------------------------
