@@ -213,10 +213,10 @@ class LiftedPrograms(Programs):
     # proofs ---------------------------------------------------------------------------------------------
 
     def reached(self, variable: int, side: str, solution: LinearSolution) -> float:
-        sign = 1.0 if side == "lo" else -1.0
         if not -1.0 < solution.lowest < np.inf:
             return math.nan
-        return self.relaxation.value(variable, sign * solution.lowest)[0 if side == "lo" else 1]
+        low = side == "lo"
+        return self.relaxation.value(variable, solution.lowest if low else -solution.lowest)[0 if low else 1]
 
     def carriers(self, solution: LinearSolution) -> tuple[tuple[tuple[int, int], ...], StepWeights]:
         origins = self._origins
@@ -280,7 +280,7 @@ class Lifted(Composable):
 
     def __init__(self, network: ConstraintNetwork, *, objective: str | None = None) -> None:
         self._objective = None if objective is None else network.names.index(objective)
-        self._network = network
+        self._network, self._tells = network, True
         self._structures = Structures(network, self._objective)
 
     @property
@@ -294,14 +294,14 @@ class Lifted(Composable):
 
     def among(self, network: ConstraintNetwork, elements: Indices) -> Lifted:
         other = copy(self)
-        other._network, other._structures = network, self._structures.among(network, elements)
+        other._network, other._structures, other._tells = network, self._structures.among(network, elements), False
         return other
 
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         if box.is_empty or not box.is_bounded:
             return Contraction(box)
         programs = self._programs(box, deadline)
-        return Contraction(box) if programs is None else programs.tightened(self._objective, deadline)
+        return Contraction(box) if programs is None else programs.tightened(self._objective, deadline, self._tells)
 
     def support_function(self, box: Box, directions: Floats) -> Floats:
         """Proved upper bounds (m,) of `directions @ x` over the solutions x in `box`, for `directions` (m, n).

@@ -475,13 +475,13 @@ class Relaxation:
     """
 
     def __init__(self, structure: Structure, box: Box) -> None:
-        self.center, self.radius = box.mid, box.rad
-        found = programmed(structure.shift.rounded(self.center, self.radius), *structure.given)
+        self.center, self.radius = box.mid.tolist(), box.rad.tolist()
+        found = programmed(structure.shift.rounded(box.mid, box.rad), *structure.given)
         self.columns, self.products, self.kept, self.exponents, matrix, self.rhs = found
         self.matrix, self.bounds = matrix.T, structure.bounds[self.columns]
 
     def value(self, variable: int, u: float) -> tuple[float, float]:
         """Enclosure of `c + r u` for one variable: four roundings, each of at most a unit of these sizes."""
-        center, reach = float(self.center[variable]), float(self.radius[variable]) * u
+        center, reach = self.center[variable], self.radius[variable] * u
         value, error = center + reach, 4.0 * _UNIT * (abs(center) + abs(reach)) + _SMALLEST
         return value - error, value + error

@@ -126,7 +126,7 @@ class TakesParts(Protocol):
     """What a contractor may offer besides: the same for fewer measurements, without all that is made of a network."""
 
     def among(self, network: ConstraintNetwork, elements: Indices) -> Contractor:
-        """For `network`, which holds some elements (ascending) of each constraint, all of one axis."""
+        """For `network`: some elements (ascending) of each constraint, all of one axis. Steps need not be told."""
         ...
 
 

@@ -792,19 +792,11 @@ class Programs(ABC):
 
     @abstractmethod
     def reached(self, variable: int, side: str, solution: LinearSolution) -> float:
-        """The bound of a variable on a side, "lo" or "hi", that the multipliers prove; not finite: none."""
+        """The bound of a variable on a side, "lo" or "hi", that the multipliers prove; infinite or NaN: none."""
 
     @abstractmethod
     def carriers(self, solution: LinearSolution) -> tuple[tuple[Row, ...], StepWeights | None]:
         """The rows that carry a proof, and their weights where these can be checked."""
-
-    def bound(self, variable: int, side: str, solution: LinearSolution) -> Step | None:
-        """What the multipliers prove of a bound, if that is better than the box's."""
-        old, sign = (self.box.lo, 1.0) if side == "lo" else (self.box.hi, -1.0)
-        new = self.reached(variable, side, solution)
-        if not (math.isfinite(new) and sign * (new - old[variable]) > 0.0):
-            return None
-        return Step(self.name, self.box.names[variable], side, new, *self.carriers(solution))
 
     def empty(self, solution: LinearSolution) -> Step | None:
         """The proof that no solution lies in the box, if the multipliers give one."""
@@ -812,14 +804,13 @@ class Programs(ABC):
             return None
         return Step(self.name, None, "", math.nan, *self.carriers(solution))
 
-    def tightened(self, first: int | None, deadline: float = math.inf) -> Contraction:
+    def tightened(self, first: int | None, deadline: float = math.inf, tells: bool = True) -> Contraction:
         """The box around the polyhedron, the lower bound of variable `first` (the objective) before all others.
 
         After the `deadline` no program begins. `point` is the optimum of the first program. A bound that a vertex shows
-        to move by next to nothing is left alone.
+        to move by next to nothing is left alone. Without `tells` the steps are left out, but for that of an empty box.
         """
-        box = self.box
-        lo, hi, radius = box.lo.copy(), box.hi.copy(), box.rad
+        box, radius, ends = self.box, self.box.rad, {"lo": self.box.lo.tolist(), "hi": self.box.hi.tolist()}
         point, steps, count = None, list[Step](), 0
         order = [(v, side) for v in sorted(self.columns) for side in ("lo", "hi") if v != first and radius[v] != 0.0]
         if first is not None and first in self.columns and radius[first] != 0.0:
@@ -835,15 +826,17 @@ class Programs(ABC):
             if solution.status is not LinearStatus.OPTIMAL:
                 continue
             point = solution.point if point is None else point
-            met = objectives[k, near[k]] * solution.point[near[k]] < -1.0 + _WORTHWHILE
-            step = None if met else self.bound(variable, side, solution)
-            if step is None:
+            if solution.lowest < -1.0 + _WORTHWHILE:
                 continue
-            steps.append(step)
-            (lo if side == "lo" else hi)[variable] = step.bound
-            if lo[variable] > hi[variable]:
+            new, old = self.reached(variable, side, solution), ends[side][variable]
+            if not (new > old if side == "lo" else new < old):
+                continue
+            ends[side][variable] = new
+            if tells:
+                steps.append(Step(self.name, box.names[variable], side, new, *self.carriers(solution)))
+            if ends["lo"][variable] > ends["hi"][variable]:
                 return Contraction(Box.empty(box.names), tuple(steps), None, count)
-        left = box.with_bounds(lo, hi)
+        left = box.with_bounds(np.array(ends["lo"]), np.array(ends["hi"]))
         if point is not None:
             u = np.zeros(len(box))  # 0 for variables without a column
             u[list(self.columns)] = point[list(self.columns.values())]
