@@ -271,19 +271,16 @@ class At:
 
     def unmet(self, given: Iterable[Exact]) -> Iterator[int]:
         """Those that it does not satisfy, of some whose readings are exact."""
-        own_parts, gain, one, offset, eps, strict = (
-            self.parts, self.gain, self.one, self.offset, self.eps, self.factor is not None
-        )  # fmt: skip
-        spend = self.x.spend
+        own, strict = self.parts, self.factor is not None
         for k, (p, n, parts), reading in given:
             above, below = reading.as_integer_ratio()
-            own = below.bit_length() - 1
-            unit = max(p, own)  # of the reading
-            read, off = above << unit - own, eps << unit
-            length, square = gain * read + (offset << unit), sum(map(mul, parts, own_parts)) << 2 * (unit - p)
-            spend(_EXACT_WORK + (square.bit_length() ** 2 >> _POINT_BITS))
+            power = below.bit_length() - 1
+            unit = max(p, power)  # of the reading
+            read, offset, off = above << unit - power, self.offset << unit, self.eps << unit
+            length, square = self.gain * read + offset, sum(map(mul, parts, own)) << 2 * (unit - p)
+            self.x.spend(_EXACT_WORK + (square.bit_length() ** 2 >> _POINT_BITS))
             high, low = length + off, length - off
-            longer = 0 <= off <= one * read + (offset << unit) and high >= 0 and not (strict and low < 0)
+            longer = 0 <= off <= self.one * read + offset and high >= 0 and not (strict and low < 0)
             if not (longer and 0 <= square <= n * high * high and (low <= 0 or n * low * low <= square)):
                 yield k
 
@@ -294,7 +291,7 @@ class At:
         docs/certificate-format.md, "The claims", for every name here.
         """
         if not m.uncertain:
-            return not any(True for _ in self.unmet([(0, Pose.of(m.given[:7]), m.given[7])]))
+            return not list(self.unmet([(0, Pose.of(m.given[:7]), m.given[7])]))
         factor, at = self.factor, self.x.at
         given, radii, (above, below) = dyadics(m.given), dyadics(m.radii), (factor or F(1)).as_integer_ratio()
         p = max(given.power, radii.power + below.bit_length(), at.power)

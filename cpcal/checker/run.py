@@ -155,16 +155,15 @@ class _Leg:
             return LegChecked(number, refused=reason_of(error))
 
     def _certified(self, bracket: Json) -> list[tuple[str, Accepted]]:
-        options, campaign, leg = self.result["options"], self.campaign, self.leg
+        campaign, leg = self.campaign, self.leg
         name, stated = bracket["certificate"], leg["ranges"]
-        every = range(len(campaign))
+        every = tuple(range(len(campaign)))
         support = [campaign.place.get(name, -1) for name in leg[INFORMATION]["support"]]
         same("support", len(set(support) - {-1}), len(support))
         same("proofs", (bracket["proofs"], bracket["point_certificate"]), ([], None))
         proofs = list[tuple[str, Accepted]]()
         if stated is not None and stated["certificate"] is not None:
-            ranges = self.certificates.accepted(stated["certificate"])
-            compare(self.of_the_problem(ranges, tuple(every), ranges.lo[-1]))  # from any eps on up to theirs
+            ranges = self.accepted(stated["certificate"], every)  # from any eps on up to theirs
             same("eps of the ranges", stated["eps"], ranges.claims.cap)
             if stated["certificate"] != name:  # of one eps that was asked about
                 same("point of the ranges", None, ranges.claims.point)
@@ -173,18 +172,18 @@ class _Leg:
         if name is None:
             nothing_beside(bracket, "status", "lo", "hi", "point", "center", "enclosure", "left_out")
         else:
-            found = self.accepted(name, every, options["eps"])
+            found = self.accepted(name, every)
             compare(self.of_the_bracket(bracket, found))
             proofs.insert(0, (name, found))
         return proofs
 
-    def accepted(self, file: Any, chosen: Iterable[int] | None, eps: Any) -> Accepted:
+    def accepted(self, file: Any, chosen: Places | None = None) -> Accepted:
         """A certificate of this leg: of the `chosen` measurements (None: of any), in its box."""
         found = self.certificates.accepted(file)
-        compare(self.of_the_problem(found, found.chosen if chosen is None else tuple(chosen), eps))
+        compare(self.of_the_problem(found, found.chosen if chosen is None else chosen))
         return found
 
-    def of_the_problem(self, accepted: Accepted, chosen: Places, asked: Any) -> Stated:
+    def of_the_problem(self, accepted: Accepted, chosen: Places) -> Stated:
         """The box is the one that the result states, rounded outward."""
         result, number, bracket = self.result, self.leg["leg"], self.leg["bracket"]
         model, parameters = result["model"]["name"], result["model"]["parameters"]
@@ -205,12 +204,12 @@ class _Leg:
             low, high = middle - half, middle + half
             slack, lo, hi = (abs(low) + abs(high)) / 2**50, accepted.lo[i], accepted.hi[i]
             yield f"range of unknown {i}", low - slack <= lo <= low and high <= hi <= high + slack, True
-        yield "eps asked about", 0 if asked is None else asked, accepted.lo[-1]
 
     def of_the_bracket(self, bracket: Json, accepted: Accepted) -> Stated:
         """What the leg states, and what its certificate's claims make of it."""
         claims, options = accepted.claims, self.result["options"]
         asked, informed = options["eps"], options[INFORMATION]
+        yield "eps asked about", 0 if asked is None else asked, accepted.lo[-1]
         at = None if claims.point is None or claims.point.holds != accepted.chosen else claims.point.at
         if claims.point is not None:
             yield "factor of the point", None, claims.point.factor
@@ -296,7 +295,7 @@ class _Leg:
         nothing_beside(bracket, "status", "enclosure")
         if len(set(proofs)) < len(proofs):
             raise Refused("names a proof twice")
-        family, lo, hi = [self.accepted(file, None, None) for file in proofs], None, None
+        family, lo, hi = [self.accepted(file) for file in proofs], None, None
         names: Names = ()
         if not family:
             nothing_beside(bracket, "lo")
@@ -314,7 +313,7 @@ class _Leg:
             left_out = {campaign.place.get(name, -1) for name in bracket["left_out"]}
             if -1 in left_out or len(bracket["left_out"]) > min(outliers, len(left_out)):
                 raise Refused("leaves out a measurement that is none, one twice, or more than may be wrong")
-            accepted = self.accepted(bracket["point_certificate"], None, None)
+            accepted = self.accepted(bracket["point_certificate"])
             claims, names, hi = accepted.claims, tuple(map(str, bracket["left_out"])), exact(bracket["hi"])
             kept = [k for k in range(len(campaign)) if k not in left_out]
             same("measurements of the point", kept, list(accepted.chosen))

@@ -21,7 +21,6 @@ from cpcal.common.files import small_file
 from cpcal.common.numbers import about, at_least, at_most
 from cpcal.common.values import Json
 from cpcal.files import load_campaign_json
-from cpcal.files.run_folder import unfinished
 from cpcal.models import leg_model
 from cpcal.questions import (
     INFORMATION,
@@ -57,8 +56,6 @@ def of_run(run: Path, checked: Callable[[], list[LegChecked]], *, verbose: bool)
 
     Raises InputError, Refused.
     """
-    if unfinished(run):
-        yield True, "Another run into this folder is at work, or was killed: these are the answers before it."
     result, legs = _read(load_result, run), checked()
     campaign = load_campaign_json(run, checked=True)
     for sentence in _stated_otherwise(campaign, result):

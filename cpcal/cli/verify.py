@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 from cpcal.checker import Accepted, Refused, Unusable, check
 from cpcal.checker.files import POSE_SET_SUFFIX
-from cpcal.checker.run import RESULT_NAME, LegChecked, answer, certificates_of, leg_checks
+from cpcal.checker.run import RESULT_NAME, answer, certificates_of, leg_checks
 from cpcal.cli.claims import VACUOUS, NothingCertifiedError, Statement, told
 from cpcal.cli.verbs import Status, Talk, argument, option
 from cpcal.common.errors import unusable
@@ -27,28 +27,6 @@ _PROCESSORS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") e
 
 # ------------------------------------------------------------------------------------------------------------------
 # Certificates and legs, checked again by the exact checker.
-
-
-@contextmanager
-def legs_beside(run: Path) -> Iterator[Callable[[], list[LegChecked]]]:
-    """The legs of a run are checked, on all processors, while in the block; what is given waits for what is found.
-
-    It raises Refused and Unusable.
-    """
-    checks: list[Callable[[], LegChecked]] = []
-    why = None
-    try:
-        checks = leg_checks(run)
-    except (Refused, Unusable) as reason:
-        why = reason
-    with _beside(checks) as answers:
-
-        def legs() -> list[LegChecked]:
-            if why is not None:
-                raise why
-            return answers()
-
-        yield legs
 
 
 @contextmanager
@@ -65,20 +43,22 @@ def _beside(checks: Sequence[Callable[[], T]]) -> Iterator[Callable[[], list[T]]
     try:
         for k in range(count):
             pipe, there = context.Pipe(duplex=False)
-            begun.append((context.Process(target=answer, args=(checks[k::count], there)), pipe))
-            begun[-1][0].start()
+            process = context.Process(target=answer, args=(checks[k::count], there))
+            with suppress(OSError):
+                process.start()
+                begun.append((k, process, pipe))
             there.close()
 
         def answers() -> list[T]:
             found: list[T | None] = [None] * len(checks)
-            for k, (_, pipe) in enumerate(begun):
+            for k, _, pipe in begun:
                 with suppress(EOFError, OSError):
                     found[k::count] = pipe.recv()
             return [one or check() for one, check in zip(found, checks, strict=True)]  # of a lost process, here
 
         yield answers
     finally:
-        for process, _ in begun:
+        for _, process, _ in begun:
             process.kill()
             process.join()
 
@@ -134,7 +114,9 @@ def statements(target: Path, *, verbose: bool = False) -> Iterator[Statement]:
 
             yield from of_accuracy(target)
         elif heads == [RUN.head]:
-            with legs_beside(target) as legs:
+            if unfinished(target):
+                yield True, "Another run into this folder is at work, or was killed: these are the answers before it."
+            with _beside(leg_checks(target)) as legs:
                 from cpcal.cli.verified import of_run  # while the legs are being checked
 
                 yield from of_run(target, legs, verbose=verbose)

@@ -209,7 +209,14 @@ def searched(
         if keeper is not None:
             keeper.end(found)
         if begun is not None:
-            found = after(begun.minimum, found)
+            first = begun.minimum
+            found = replace(
+                found,
+                programs=first.programs + found.programs,
+                seconds=first.seconds + found.seconds,
+                rows=tuple(sorted({*first.rows, *found.rows})),
+                contractors_used=total_use(first.contractors_used, found.contractors_used),
+            )
         torn = found.interrupted and not asked()  # by an exception, between any two lines: no stop that was asked for
         if to_claim is None or recording is None or torn or (said := to_claim(found, domain)) is None:
             return Answered(found)
@@ -217,17 +224,6 @@ def searched(
         steps = tuple(recording.saved()) if recording.whole else ()
         found = replace(found, contractors_used=recording.credited(found.contractors_used))
         return Answered(found, name, lost, steps=steps)
-
-
-def after(begun: Minimum, found: Minimum) -> Minimum:
-    """What was found, with the work and the rows of a search before it."""
-    return replace(
-        found,
-        programs=begun.programs + found.programs,
-        seconds=begun.seconds + found.seconds,
-        rows=tuple(sorted({*begun.rows, *found.rows})),
-        contractors_used=total_use(begun.contractors_used, found.contractors_used),
-    )
 
 
 def written(question: Question, file: str, recording: Recording, said: Claims) -> tuple[str | None, Uncertified]:

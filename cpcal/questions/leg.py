@@ -13,7 +13,6 @@ from cpcal.models import built_in, exactly_read, leg_box, model_statement, of_me
 from cpcal.questions.bracket import (
     Answered,
     PreparedLeg,
-    after,
     by_timeout,
     network_of,
     prepared_leg,
@@ -88,8 +87,7 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
         ),
     )
     if options.ranges:
-        ranges, torn = ranges_of(prepared, result, begun, stopped=stopped)
-        result, stopped = replace(result, ranges=ranges), stopped or torn
+        result = replace(result, ranges=ranges_of(prepared, result, begun, stopped=stopped))
     return result, stopped or asked() is not None
 
 
@@ -154,42 +152,40 @@ MARGIN = 1.1  # times eps_hi: at eps_hi itself hardly more than one point is lef
 PREFIX = "ranges-"  # of the certificates' names
 
 
-def range_eps(options: Options, leg: LegResult) -> float | None:
+def range_eps(options: Options, hi: float, *, refuted: bool = False) -> float | None:
     """The eps asked about; else the tolerance, if the leg reaches it; else eps_hi and a tenth. None where none does."""
     if options.eps is not None:
-        return None if leg.bracket.verdict is Verdict.REFUTED else options.eps
-    return None if leg.bracket.point is None else _tolerated(options, leg.bracket.hi)
-
-
-def _tolerated(options: Options, hi: float) -> float:
-    return options.tolerance if options.tolerance is not None and hi <= options.tolerance else MARGIN * hi
+        return None if refuted else options.eps
+    if options.tolerance is not None and hi <= options.tolerance:
+        return options.tolerance
+    return MARGIN * hi if hi < np.inf else None
 
 
 def ranges_of(
     prepared: PreparedLeg, leg: LegResult, begun: Answered | None = None, *, stopped: bool = False
-) -> tuple[Ranges | None, bool]:
-    """The ranges of a leg that has its bracket, and whether the user interrupted the search for them.
+) -> Ranges | None:
+    """The ranges of a leg that has its bracket.
 
     `begun`: the enclosure in which the bracket was sought; where it is of another eps, another one is found, unless the
     user has `stopped` the work.
     """
     question, bracket, found = prepared.question, leg.bracket, begun
-    eps = range_eps(question.options, leg)
+    eps = range_eps(question.options, bracket.hi, refuted=bracket.verdict is Verdict.REFUTED)
     if eps is not None and question.options.eps is not None:  # they are what was asked
-        return None if bracket.enclosure.is_empty else Ranges(eps, bracket.enclosure, bracket.certificate), False
+        return None if bracket.enclosure.is_empty else Ranges(eps, bracket.enclosure, bracket.certificate)
     if begun is None or begun.minimum.hi != eps:
-        found = None if eps is None or stopped else _enclosed(prepared, bracket.point or (), eps)
+        found = None if stopped else _enclosed(prepared, bracket.point or (), eps)
     if eps is None or found is None or found.minimum.interrupted:
         (question.certificates or {}).pop(f"{PREFIX}leg{leg.leg}.cert.jsonl", None)
-        return None, found is not None
+        return None
     box = found.minimum.enclosure
-    return Ranges(eps, Box(question.model.parameters, box.lo[:-1], box.hi[:-1]), found.certificate), False
+    return Ranges(eps, Box(question.model.parameters, box.lo[:-1], box.hi[:-1]), found.certificate)
 
 
-def _enclosed(prepared: PreparedLeg, point: ArrayLike, eps: float) -> Answered | None:
+def _enclosed(prepared: PreparedLeg, point: ArrayLike, eps: float | None) -> Answered | None:
     """All parameters that reach an eps, as the point does, in one box. None where the legs are too short for it."""
     question, domain = prepared.question, prepared.domain
-    if not domain["eps"].lo <= eps <= domain["eps"].hi:
+    if eps is None or not domain["eps"].lo <= eps <= domain["eps"].hi:
         return None
     return searched(
         prepared._replace(question=question._replace(checkpoints=None)),
@@ -213,10 +209,10 @@ def _begun(prepared: PreparedLeg, start: Floats) -> tuple[Known | None, Answered
     first = searched(alone, limits=replace(question.limits, nodes=0), start=start).minimum
     if first.witness is None:
         return None, None
-    found = _enclosed(prepared, first.witness.point[:-1], _tolerated(options, first.hi))
-    if found is None or found.minimum.interrupted or not (found.steps or question.certificates is None):
-        return Known(first.witness, 1), None
-    return Known(first.witness, 1), found._replace(minimum=after(first, found.minimum))
+    found = _enclosed(prepared, first.witness.point[:-1], range_eps(options, first.hi))
+    if found is not None and (found.minimum.interrupted or not (found.steps or question.certificates is None)):
+        found = None
+    return Known(first.witness, 1), found
 
 
 # ------------------------------------------------------------------------------------------------------------------

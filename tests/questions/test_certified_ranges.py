@@ -74,23 +74,18 @@ def test_the_checker_ties_the_ranges_to_their_certificate(run, tmp_path):
 
 def test_there_are_none_where_no_tolerance_is_reached(campaign, run):
     lost = leg_with(run[1].legs[0], point=None, eps_hi=float("inf"), verdict=cpcal.Verdict.UNKNOWN)
-    assert ranges_of(prepared_leg(Question(campaign=campaign, options=run[1].options), 2), lost) == (None, False)
-
-
-def with_options(result, **changes):
-    return dataclasses.replace(result, options=dataclasses.replace(result.options, **changes))
+    assert ranges_of(prepared_leg(Question(campaign=campaign, options=run[1].options), 2), lost) is None
 
 
 def test_the_tolerance_fits_the_question(run):
-    result = run[1]
-    leg = result.legs[0]
-    asked = with_options(result, eps=0.7)
-    assert range_eps(asked.options, leg) == 0.7
-    assert range_eps(asked.options, leg_with(leg, verdict=cpcal.Verdict.REFUTED)) is None
-    assert range_eps(result.options, leg_with(leg, point=None, eps_hi=np.inf)) is None
-    assert range_eps(result.options, leg) == MARGIN * leg.bracket.hi
-    assert range_eps(with_options(result, tolerance=2.0 * leg.bracket.hi).options, leg) == 2.0 * leg.bracket.hi
-    assert range_eps(with_options(result, tolerance=0.5 * leg.bracket.hi).options, leg) == MARGIN * leg.bracket.hi
+    options, hi = run[1].options, run[1].legs[0].bracket.hi
+    asked = dataclasses.replace(options, eps=0.7)
+    assert range_eps(asked, hi) == 0.7
+    assert range_eps(asked, hi, refuted=True) is None
+    assert range_eps(options, np.inf) is None
+    assert range_eps(options, hi) == MARGIN * hi
+    assert range_eps(dataclasses.replace(options, tolerance=2.0 * hi), hi) == 2.0 * hi
+    assert range_eps(dataclasses.replace(options, tolerance=0.5 * hi), hi) == MARGIN * hi
 
 
 whole = cpcal.simulate(seed=1, joint_error=0.0, runs=40)

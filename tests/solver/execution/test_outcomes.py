@@ -10,7 +10,6 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from pathlib import Path
 
 import pytest
 
@@ -263,13 +262,11 @@ def dies(parent, answer):
     return answer
 
 
-def test_legs_that_a_killed_worker_did_not_check_are_checked_here(monkeypatch):
+def test_legs_that_a_killed_worker_did_not_check_are_checked_here():
     checks = [partial(dies, os.getpid(), "here"), *(partial(pow, 3, n) for n in range(4))]
-    monkeypatch.setattr(verify, "leg_checks", lambda run: checks)
-    with verify.legs_beside(Path("run")) as legs:
+    with verify._beside(checks) as legs:
         assert legs() == ["here", 1, 3, 9, 27]
-    monkeypatch.setattr(verify, "leg_checks", lambda run: [*checks, partial(int, "x")])
-    with verify.legs_beside(Path("run")) as legs, pytest.raises(ValueError, match="invalid literal"):
+    with verify._beside([*checks, partial(int, "x")]) as legs, pytest.raises(ValueError, match="invalid literal"):
         legs()
 
 
