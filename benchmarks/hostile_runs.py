@@ -214,7 +214,7 @@ def _leg(folder: Path, measurements: int, model: str, extra: int, steps: int) ->
 def _result(folder: Path, measurements: int, **changes: Any) -> None:
     """A campaign, and a result.json of no legs, of which nothing can be accepted."""
     campaign(folder, measurements)
-    whole = {"format": "cpcal-result/13", "legs": [], "information": {}} | changes
+    whole = {"format": "cpcal-result/14", "legs": [], "information": {}} | changes
     (folder / "result.json").write_text(json.dumps(whole, separators=(",", ":")))
 
 

@@ -43,7 +43,7 @@ def of_poses(study, names):
 
 
 _OF_BRACKET = {"verdict", "point", "center", "enclosure", "certificate"}
-_OF_WORK = {"nodes", "programs", "seconds", "pending", "floor", "trials", "contractors_used"}
+_OF_WORK = {"nodes", "programs", "seconds", "pending", "floor", "trials"}
 
 
 def leg_with(leg, /, **changes):

@@ -30,7 +30,7 @@ from .readers import (
 from .rule import Box, Problem, hitting_set
 
 RESULT_NAME, INFORMATION = "result.json", "information"
-RESULT_FORMAT = "cpcal-result/13"
+RESULT_FORMAT = "cpcal-result/14"
 _POINTS = ("recommended", "passes_from", "reduced")
 _CLOSED = F(1, 10**9)  # a bracket this narrow is closed, whatever the relative gap
 _NETWORK = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")  # in a certificate that states its constraints

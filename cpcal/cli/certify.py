@@ -38,7 +38,6 @@ from cpcal.report import (
     LONGER,
     QUANTIFIER,
     bounds_table,
-    center_sentence,
     leg_sentence,
     notices,
     outliers_section,
@@ -133,8 +132,7 @@ def show_result(talk: Talk, campaign: Campaign, result: Result, model: LegModel)
     elif talk.verbose:
         show_table(talk, bounds_table(result))
     for leg in legs if talk.verbose else ():
-        sentences = filter(None, (leg_sentence(result, leg), center_sentence(result, leg)))
-        talk.say(f"Leg {leg.leg}: {' '.join(sentences)}")
+        talk.say(f"Leg {leg.leg}: {leg_sentence(result, leg)}")
         show(talk, parameters_section(campaign, result, leg))
     talk.say(*([FRAME, f"{QUANTIFIER} {LONGER}"] if talk.verbose else [SHORT_QUANTIFIER]), style="italic")
     for missing in filter(None, (notices(result, campaign.legs), uncertified_legs(result))):

@@ -27,7 +27,6 @@ from cpcal.questions import (
     RESULT_NAME,
     Result,
     Uncertified,
-    contractors_sentences,
     load_result,
     verdict_of,
 )
@@ -72,8 +71,6 @@ def of_run(run: Path, checked: Callable[[], list[LegChecked]], *, verbose: bool)
         yield from (told(name, accepted) for name, accepted in leg.proofs)
         if found.ranges is not None and found.ranges.certificate is None:
             yield True, f"leg {leg.leg}: its ranges are NOT CERTIFIED"
-        if verbose:
-            yield from ((True, f"leg {leg.leg}: {sentence}") for sentence in contractors_sentences(found))
     if verbose:
         yield True, INFORMATION
     if not any(leg.refused or leg.robust for leg in legs) and all(f.bracket.certificate is None for f in result.legs):

@@ -33,7 +33,7 @@ from .study_calibration import (
     load_record,
     save_record,
 )
-from .verdict import INFORMATION, contractors_sentences, recommendation, status_of, verdict_of
+from .verdict import INFORMATION, recommendation, status_of, verdict_of
 
 __all__ = [
     "INFORMATION",
@@ -67,7 +67,6 @@ __all__ = [
     "certify_point",
     "check_data",
     "compare",
-    "contractors_sentences",
     "load_log",
     "load_record",
     "load_result",

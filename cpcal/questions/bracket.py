@@ -14,7 +14,7 @@ from cpcal.models import built_in, leg_box, leg_network, model_statement, of_mea
 from cpcal.questions.question import Question
 from cpcal.questions.result import Uncertified
 from cpcal.solver import plugins
-from cpcal.solver.accounts import ContractorUse, Trial, total_use
+from cpcal.solver.accounts import Trial
 from cpcal.solver.certificate.exact_network import Statement
 from cpcal.solver.certificate.prover import Claims, WeightProver, claims
 from cpcal.solver.certificate.recording import Recording, SearchKeeper, UncheckableError, claims_of
@@ -215,14 +215,12 @@ def searched(
                 programs=first.programs + found.programs,
                 seconds=first.seconds + found.seconds,
                 rows=tuple(sorted({*first.rows, *found.rows})),
-                contractors_used=total_use(first.contractors_used, found.contractors_used),
             )
         torn = found.interrupted and not asked()  # by an exception, between any two lines: no stop that was asked for
         if to_claim is None or recording is None or torn or (said := to_claim(found, domain)) is None:
             return Answered(found)
         name, lost = written(question, file or f"leg{leg.leg}", recording, said)
         steps = tuple(recording.saved()) if recording.whole else ()
-        found = replace(found, contractors_used=recording.credited(found.contractors_used))
         return Answered(found, name, lost, steps=steps)
 
 
@@ -254,13 +252,12 @@ def by_timeout(leg: PreparedLeg, start: Floats, tell: Progress) -> Answered:
     statement, prover = leg.stated(whole), leg.problem.prover
     best: Witness | None = prover.prove(start)
     proof: tuple[Recording, float] | None = None
-    uses: tuple[ContractorUse, ...] = ()
     trials: list[Trial] = []
     interrupted, programs = False, 0
     with ExitStack() as keep:
 
         def solve(eps: float, seconds: float) -> TimeoutOutcome:
-            nonlocal best, proof, uses
+            nonlocal best, proof
             domain = whole.replace("eps", hi=eps)
             with ExitStack() as unless_checked:
                 recording = None if statement is None else unless_checked.enter_context(Recording(statement, domain))
@@ -270,7 +267,6 @@ def by_timeout(leg: PreparedLeg, start: Floats, tell: Progress) -> Answered:
                 if recording is not None and outcome.checked:
                     proof = recording, eps
                     keep.enter_context(unless_checked.pop_all())
-            uses = total_use(uses, outcome.uses)
             if outcome.witness is not None and (best is None or outcome.witness.value < best.value):
                 best = outcome.witness
             return outcome
@@ -293,7 +289,6 @@ def by_timeout(leg: PreparedLeg, start: Floats, tell: Progress) -> Answered:
             point, refuted = None if best is None else best.point, proof is not None
             said = claims(cap, refuted=refuted, lo=cap if refuted else None, point=point)
             name, lost = written(leg.question, f"leg{leg.leg}", recording, said)
-            uses = uses if proof is None else recording.credited(uses)
     lo, hi = trials[-1].lo if trials else 0.0, np.inf if best is None else best.value
     closed = hi - lo <= max(limits.gap * hi, limits.gap_absolute)
     found = Minimum(
@@ -307,6 +302,5 @@ def by_timeout(leg: PreparedLeg, start: Floats, tell: Progress) -> Answered:
         programs=programs,
         seconds=time.monotonic() - began,
         interrupted=interrupted,
-        contractors_used=uses,
     )
     return Answered(found, name, lost, tuple(trials))

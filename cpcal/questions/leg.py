@@ -30,7 +30,6 @@ from cpcal.questions.result import (
     Options,
     Ranges,
     Uncertified,
-    VerifiedPoint,
     Work,
 )
 from cpcal.solver.certificate.prover import Claims
@@ -41,7 +40,7 @@ from cpcal.solver.interval import Box
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.bound import Alone, Bracket, Minimum, support
 from cpcal.solver.optimize.local import Known, fit
-from cpcal.solver.optimize.witness import Prepared, Witness, verify_point
+from cpcal.solver.optimize.witness import Prepared, Witness
 
 # at most for each try if a few measurements suffice: a convenience must not cost more than the answer
 _SUPPORT_NODES = 3
@@ -51,7 +50,7 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
     """The result of one leg, and whether the user interrupted it."""
     if question.options.outliers:
         return robust_leg(question, leg), asked() is not None
-    prepared, options, campaign = prepared_leg(question, leg), question.options, question.campaign
+    prepared, options = prepared_leg(question, leg), question.options
     center, eps = prepared.center, options.eps or 0.0
     start, tell = np.append(center, eps), None if question.progress is None else partial(question.progress, leg)
     best, begun = _begun(prepared, start)
@@ -63,7 +62,6 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
     stopped, lo = found.interrupted or asked() is not None, float(found.lo)
     if options.eps is not None:  # of that one alone something is said
         lo = eps if found.verdict is Verdict.REFUTED else 0.0
-    verified = verify_point(prepared.problem.network, start, prepared.problem.prover.reading)
     result = _leg_result(
         prepared,
         found,
@@ -75,7 +73,6 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
         },
         support=few,
         not_certified=_not_certified(question, leg, answer),
-        verified=VerifiedPoint(eps, int(verified.holds.sum()), int(verified.fails.sum()), len(campaign)),
         work=Work(
             nodes=found.nodes,
             programs=found.programs,
@@ -83,7 +80,6 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
             pending=found.pending,
             floor=float(found.floor),
             trials=answer.trials,
-            contractors_used=found.contractors_used,
         ),
     )
     if options.ranges:

@@ -11,7 +11,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
-from cpcal.common.codec import INFORMATION, Document, Informed, checked
+from cpcal.common.codec import Document, Informed, checked
 from cpcal.common.errors import printable, refuse, unusable
 from cpcal.common.files import StrPath
 from cpcal.common.numbers import stated
@@ -19,7 +19,7 @@ from cpcal.common.values import Names, Numbers, Places, Texts, all_finite
 from cpcal.files.folders import CAMPAIGN_NAME, campaign_sha256, save_campaign_json
 from cpcal.models import BUILT_IN, PARAMETERS, PLAIN, LegModel, Parameter, leg_model, model_name_problem
 from cpcal.robot import Campaign
-from cpcal.solver.accounts import ContractorUse, Trial
+from cpcal.solver.accounts import Trial
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
 
@@ -384,10 +384,9 @@ class LegBracket:
 class Work:
     """What a bracket cost, and how it was found. Nobody proves it.
 
-    floor             second-order effect of the readings, mm, below which the bracket cannot close
-    pending           boxes that were left at a limit
-    trials            calls of the solver, with method "timeout"
-    contractors_used  those asked for: how often each ran, its part in the certificate
+    floor    second-order effect of the readings, mm, below which the bracket cannot close
+    pending  boxes that were left at a limit
+    trials   calls of the solver, with method "timeout"
     """
 
     nodes: int = 0
@@ -396,7 +395,6 @@ class Work:
     pending: int = 0
     floor: float = 0.0
     trials: tuple[Trial, ...] = ()
-    contractors_used: tuple[ContractorUse, ...] = ()
 
     def __post_init__(self) -> None:
         if min(self.nodes, self.programs, self.pending) < 0 or math.isnan(self.floor) or math.isnan(self.seconds):
@@ -414,7 +412,6 @@ class LegResult:
     support        ids of few measurements found to give the lower bound by themselves, up to the gap; of all with a
                    weight in some step where no few were
     ranges         of the parameters at a tolerance; see cpcal.questions.leg
-    verified       the center of the box, as a solution at eps = 0 (or the eps asked about)
     extra          the model's own parameters of the fit that the box is around; they are no part of the box
     determination  None: nothing is to be determined, or it was not asked
     """
@@ -427,7 +424,6 @@ class LegResult:
     ranges: Ranges | None = None
     support: Informed[Names] = ()
     not_certified: Informed[Uncertified] = Uncertified.NOTHING
-    verified: Annotated[VerifiedPoint | None, checked(INFORMATION, json="center_verified")] = None
     extra: Informed[Numbers] = ()
     determination: Informed[Determination | None] = None
     work: Informed[Work] = Work()
@@ -497,7 +493,7 @@ class Result:
 
 
 RESULT_NAME = "result.json"
-_DOCUMENT = Document(Result, RESULT_NAME, "cpcal-result/13", "name the folder of a run, or run certify again")
+_DOCUMENT = Document(Result, RESULT_NAME, "cpcal-result/14", "name the folder of a run, or run certify again")
 load_result = _DOCUMENT.load
 
 

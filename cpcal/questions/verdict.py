@@ -195,8 +195,8 @@ def plain_side(rounded: Callable[[float, int], str], value: float, tolerance: fl
 # What was proved of a leg, in a sentence that is made of the numbers whenever it is shown: none is stored.
 
 INFORMATION = (
-    "Information only, proved by no certificate: times, counts, which measurements are the support, what is said of "
-    "the center as a solution, second-order effects, and calls of the solver."
+    "Information only, proved by no certificate: times, counts, which measurements are the support, second-order "
+    "effects, and calls of the solver."
 )
 
 
@@ -223,14 +223,3 @@ def status_of(result: Result, leg: LegResult) -> str:
         asked = f"the relative gap of {stated(options.gap)} that was asked for"
         how = f"both bounds are proved, {gap_text(lo, hi)} apart, which is within {asked}."
     return f"{len(leg.work.trials)} calls of the solver; {how}"
-
-
-def contractors_sentences(leg: LegResult) -> list[str]:
-    """For each contractor that was asked for how much it took part. Counts are information, nobody proves them."""
-    out = []
-    for use in leg.work.contractors_used:
-        each = ((use.calls, "call"), (use.steps, "step"))
-        counts = (f"{count:,} {thing}{'s' * (count != 1)}" for count, thing in each)
-        held = f", {use.certified_steps:,} of them in the certificate" if leg.certified else ""
-        out.append(f"{use.name}: {', '.join(counts)}{held}")
-    return out

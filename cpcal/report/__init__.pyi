@@ -1,13 +1,12 @@
 from .figures import errors_svg
 from .run_page import bounds_table, outliers_section, parameters_section, render, residuals_drawing, write_report
-from .words import FRAME, LONGER, QUANTIFIER, center_sentence, leg_sentence, notices
+from .words import FRAME, LONGER, QUANTIFIER, leg_sentence, notices
 
 __all__ = [
     "FRAME",
     "LONGER",
     "QUANTIFIER",
     "bounds_table",
-    "center_sentence",
     "errors_svg",
     "leg_sentence",
     "notices",

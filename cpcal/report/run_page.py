@@ -32,7 +32,7 @@ from cpcal.common.numbers import (
 )
 from cpcal.common.values import ArrayPair
 from cpcal.models import PLAIN, LegModel, model_residuals, reading_moves
-from cpcal.questions import INFORMATION, LegResult, Result, contractors_sentences, model_of, recommendation, verdict_of
+from cpcal.questions import INFORMATION, LegResult, Result, model_of, recommendation, verdict_of
 from cpcal.questions.result import check_campaign
 from cpcal.report.figures import MOST_POINTS, errors_svg, residuals_svg
 from cpcal.report.section import Drawing, Mark, Page, Proof, Section, Table, Words, origin, verdict
@@ -44,7 +44,6 @@ from cpcal.report.words import (
     advise,
     assumptions,
     badge,
-    center_sentence,
     claim,
     claimed_by,
     leg_lines,
@@ -345,8 +344,6 @@ def _behind(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted) -> 
         f"{leg_sentence(result, leg)} The witness reaches eps_hi; it is no recommendation. Width: of the range.",
         f"Searched: {work.nodes:,} boxes, {work.programs:,} linear programs, {about(work.seconds)} s.",
     ]
-    if center := center_sentence(result, leg):
-        said.append(f"{center} (No certificate holds this about the center.)")
     if names:
         more = f", and {len(names) - _MOST_NAMES:,} more in result.json" if len(names) > _MOST_NAMES else ""
         listed = f"{', '.join(names[:_MOST_NAMES])}{more}"
@@ -354,7 +351,6 @@ def _behind(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted) -> 
     return Section(
         f"Leg {leg.leg} for experts",
         said,
-        contractors_sentences(leg),
         tables=[_table(campaign, result, leg, ("parameter", "witness", "fit", "nominal", "width"), fit=fit)],
         folded=True,
     )

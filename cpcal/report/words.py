@@ -124,13 +124,6 @@ def leg_lines(result: Result, leg: LegResult, found: "Advice") -> Words:
     return (head, first, ".", Mark(second, "second"))
 
 
-def center_sentence(result: Result, leg: LegResult) -> str:
-    """What is proved of the middle of the box as a solution; empty where it was not asked."""
-    names = {"fit": "The least-squares fit", "plain": "The plain model's least-squares fit"}
-    name = names.get(result.options.center, "The nominal parameter vector")
-    return "" if leg.verified is None else leg.verified.sentence(name)
-
-
 def notices(result: Result, legs: int) -> str:
     """What stands above all answers: sentences on a user-defined model, on an interrupted run, and on legs of so many
     that nothing was asked of; empty where there is nothing to say."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
 
@@ -14,32 +14,6 @@ from cpcal.solver.contract import Named, Verdict, elements
 
 if TYPE_CHECKING:
     from cpcal.solver.network import ConstraintNetwork
-
-
-@dataclass(frozen=True)
-class ContractorUse:
-    """How much a contractor that was asked for took part.
-
-    calls            how often it ran
-    steps            bounds that it moved, and boxes that it proved empty
-    certified_steps  those of its steps that the certificate holds: 0 where none was written
-    """
-
-    name: str
-    calls: int = 0
-    steps: int = 0
-    certified_steps: int = 0
-
-
-Uses = tuple[ContractorUse, ...]
-
-
-def total_use(one: Uses, two: Uses) -> Uses:
-    """The sum, contractor by contractor; nobody is ()."""
-    if not (one and two):
-        return one or two
-    pairs = zip(one, two, strict=True)
-    return tuple(replace(a, calls=a.calls + b.calls, steps=a.steps + b.steps) for a, b in pairs)
 
 
 class TimeoutAnswer(Enum):

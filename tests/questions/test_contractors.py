@@ -50,8 +50,6 @@ def test_what_weights_do_not_prove_in_time_is_not_the_answer(campaign, tmp_path,
     question: dict[str, Any] = {"legs": [1], "delta": 2.0, "certificates": tmp_path, "time_limit": 0.3}
     leg = cpcal.certify(campaign[0], contractors=("oracle", "lifted"), **question).legs[0]
     assert leg.bracket.lo == 0.0
-    oracle, lifted = leg.work.contractors_used
-    assert (oracle.calls, lifted.calls > 0, lifted.certified_steps) == (0, True, 0)
     assert leg.bracket.certificate is not None
     claims = check(tmp_path / leg.bracket.certificate).claims
     assert claims.eps_lo == F(leg.bracket.lo)

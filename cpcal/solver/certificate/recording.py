@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
@@ -25,7 +24,6 @@ from cpcal.checker.rule import Problem, Unknowns
 from cpcal.common import errors
 from cpcal.common.errors import InputError
 from cpcal.common.files import StrPath, replacing
-from cpcal.solver.accounts import ContractorUse
 from cpcal.solver.certificate.exact_network import Statement, exact_box, number
 from cpcal.solver.certificate.float_rows import at_point, failing, stretchings
 from cpcal.solver.certificate.prover import Claims, WeightProver, claims, line, written
@@ -74,6 +72,7 @@ def check_affordable(where: str, lines: BinaryIO, problem: Problem, domain: Box,
         raise UncheckableError([errors.Problem(where, f"would be refused: {refused.reason}", remedy)]) from None
 
 
+_CALLS = {"calls": "boxes by serial, lowest, step"}  # how steps are taken down
 _ROOM = "make room, or name another folder for temporary files by TMPDIR; what was found stays"
 
 
@@ -93,7 +92,6 @@ class Recording(AbstractContextManager["Recording"]):
             self._steps = tempfile.TemporaryFile("w+", encoding="utf-8")  # noqa: SIM115 - closed by __exit__
         except OSError as error:
             self._lost = error
-        self._written = Counter[str]()
 
     def __exit__(self, *_: object) -> None:
         with suppress(OSError):
@@ -115,35 +113,35 @@ class Recording(AbstractContextManager["Recording"]):
         Each step with the least objective of its box, for one that turns out worse than the claim is left out.
         """
         name, box, o = event.node.serial, event.node.box, self.problem.objective
-        taken = [(box, by, r | {"exclude" if "weights" in r else "pass": name}) for by, r in event.decision.proof]
+        taken = [(box, step | {"exclude" if "weights" in step else "pass": name}) for step in event.decision.proof]
         if event.kind is EventKind.PRUNED and not taken:  # cut away by the incumbent, which is just below it
             cap = None if o is None else number(np.nextafter(box.lo[o], -np.inf))
-            taken.append((box, "", {"pass": name, "cap": cap, "rows": [], "bounds": []}))
+            taken.append((box, {"pass": name, "cap": cap, "rows": [], "bounds": []}))
         if event.kind is EventKind.CONTRACTED:
-            taken.append((box, "", {"same": name, "as": event.children[0].serial}))
+            taken.append((box, {"same": name, "as": event.children[0].serial}))
         elif event.kind is EventKind.SPLIT:
             first, second = event.children
             i = int(np.flatnonzero(first.box.hi != second.box.hi)[0])
             cut = {"unknown": i, "at": number(first.box.hi[i]), "into": [first.serial, second.serial]}
-            taken.append((event.contraction.box, "", {"split": name, **cut}))
+            taken.append((event.contraction.box, {"split": name, **cut}))
         if self._lost is None:
             try:
                 self._steps.seek(0, os.SEEK_END)  # `saved` may have read
-                for of, *step in taken:
-                    self._steps.write(line([None if o is None else float(of.lo[o]), *step]))
+                for of, step in taken:
+                    self._steps.write(line([None if o is None else float(of.lo[o]), step]))
             except OSError as error:
                 self._lost = error
 
     def saved(self) -> Iterator[Line]:
         """All that was taken down, as lines of JSON, for `restore`."""
-        yield {"calls": "boxes by serial"}
+        yield _CALLS
         self._steps.seek(0)
         yield from ({"step": text} for text in self._steps)
 
     def restore(self, lines: Iterable[Line]) -> None:
         """Stand where another recording of the same search stood. Raises KeyError, TypeError, ValueError."""
         head, *steps = lines
-        if head != {"calls": "boxes by serial"}:
+        if head != _CALLS:
             raise ValueError("its steps are those of an older version")
         try:
             self._steps.seek(0)
@@ -155,19 +153,14 @@ class Recording(AbstractContextManager["Recording"]):
     def follow(self, steps: Sequence[Line]) -> None:
         """Begin with what was saved of a search that left one box, where this one begins."""
         last = max((json.loads(one["step"])[-1].get("as", 0) for one in steps[1:]), default=0)
-        self.restore([*steps, {"step": line([None, "", {"same": last, "as": 0}])}])
-
-    def credited(self, uses: Iterable[ContractorUse]) -> tuple[ContractorUse, ...]:
-        """With the number of steps that the certificate written last holds of each."""
-        return tuple(replace(use, certified_steps=self._written[use.name]) for use in uses)
+        self.restore([*steps, {"step": line([None, {"same": last, "as": 0}])}])
 
     def _useful_steps(self, cap: float | None) -> Iterator[Line]:
         """The steps on boxes that reach down to `cap`, their boxes named in order."""
         names, fresh = {0: 0}, 1  # of the boxes that are open
-        self._written.clear()
         self._steps.seek(0)
         for text in self._steps:
-            lowest, contractor, step = json.loads(text)
+            lowest, step = json.loads(text)
             kind = next(word for word in ("pass", "exclude", "split", "same") if word in step)
             name = names.get(step[kind]) if kind == "pass" else names.pop(step[kind], None)
             if kind == "same" and name is not None:
@@ -180,7 +173,6 @@ class Recording(AbstractContextManager["Recording"]):
             if kind == "split":
                 names |= dict(zip(step["into"], (fresh, fresh + 1), strict=True))
                 step["into"], fresh = [fresh, fresh + 1], fresh + 2
-            self._written[contractor] += len(step["bounds"]) if kind == "pass" else 1
             yield step
 
     def content(self, name: str, claims: Claims) -> bytes:
@@ -321,7 +313,7 @@ def certified(recording: Recording, path: StrPath, found: Minimum, domain: Box, 
         raised = UncertifiedError(error.problems)
         raised.answer = _not_certified(found, "; ".join(problem.what for problem in error.problems))
         raise raised from None
-    return replace(found, contractors_used=recording.credited(found.contractors_used))
+    return found
 
 
 def _unsaid(problem: Problem, claims: Claims) -> str:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cpcal.common.values import Floats, Indices, Names, Places, floats
-from cpcal.solver.accounts import ContractorUse, RowUse, Uses, bracket_sentence, total_use
+from cpcal.solver.accounts import RowUse, bracket_sentence
 from cpcal.solver.compiled import TimeUp, compiling_until
 from cpcal.solver.contract import Contraction, Limits, Named, Row, Step, Strategy, Verdict, shrunk
 from cpcal.solver.execution.checkpoint_file import Line
@@ -123,7 +123,7 @@ class Bounding:
             branch = branch._replace(fresh=False)
         left = replace(step, box=known.cut(step.box))
         kind, pieces = self._next(left.box, branch, pays, was_closed, known)
-        return Decision(kind, left, pieces, done.uses, done.proof)
+        return Decision(kind, left, pieces, done.proof)
 
     def raising(self, steps: Iterable[Step]) -> frozenset[Row]:
         """The rows of the last step that raised the objective, or proved a box empty."""
@@ -167,7 +167,6 @@ class Tally(NamedTuple):
     programs: int = 0
     used: frozenset[Row] = frozenset()
     decisive: frozenset[Row] = frozenset()
-    uses: Uses = ()
 
     def with_event(self, event: Event, raising: frozenset[Row]) -> Tally:
         """`raising`: the rows by which the node's objective rose last."""
@@ -178,7 +177,6 @@ class Tally(NamedTuple):
             self.programs + step.programs,
             self.used if rows <= self.used else self.used | rows,
             self.decisive | raising if leaf else self.decisive,
-            total_use(self.uses, event.decision.uses),
         )
 
 
@@ -202,7 +200,6 @@ class Saved(NamedTuple):
             **tally._asdict(),
             "used": sorted(tally.used),
             "decisive": sorted(tally.decisive),
-            "uses": [[use.name, use.calls, use.steps] for use in tally.uses],
             "seconds": self.seconds,
         }
         yield from self.search.lines()
@@ -214,12 +211,11 @@ class Saved(NamedTuple):
         names, witness = tuple(head["names"]), head["witness"]
         if witness is not None:
             witness = Witness(np.array(witness["point"], np.float64), witness["value"])
-        uses = tuple(ContractorUse(*use) for use in head["uses"])
         return cls(
             names,
             Standing.from_lines(head["created"], names, boxes),
             Known(witness, head["calls"]),
-            Tally(head["nodes"], head["programs"], rows_of(head["used"]), rows_of(head["decisive"]), uses),
+            Tally(head["nodes"], head["programs"], rows_of(head["used"]), rows_of(head["decisive"])),
             head["seconds"],
         )
 
@@ -334,7 +330,6 @@ def _minimum(search: Search, incumbent: Incumbent, last: Bracket, tally: Tally, 
         programs=last.programs,
         seconds=last.seconds,
         interrupted=interrupted,
-        contractors_used=tally.uses,
         names=incumbent.domain.names,
     )
 
@@ -400,8 +395,7 @@ class Minimum:
     smallest value of the domain is attained; REFUTED: there is no solution. `floor`: the second-order effect of the
     readings at the witness; boxes are not divided to close a smaller gap (though contraction alone often closes it).
     `rows`: the (constraint, element) pairs with a multiplier in some step of the proof of `lo`; `decisive_rows`: those
-    of the steps that decided the leaves. `contractors_used`: those asked for, in their order. With a certificate all
-    this is what it proves.
+    of the steps that decided the leaves. With a certificate all this is what it proves.
     """
 
     lo: float
@@ -418,7 +412,6 @@ class Minimum:
     programs: int = 0
     seconds: float = 0.0
     interrupted: bool = False
-    contractors_used: Uses = ()
     names: Names = ()  # of the components of points
     relax: float = 0.0  # by how much equations may be missed
     method: str = ""  # which contractors, and why these

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.solver.accounts import TimeoutAnswer, Trial, Uses, total_use
+from cpcal.solver.accounts import TimeoutAnswer, Trial
 from cpcal.solver.contract import Limits, Strategy
 from cpcal.solver.execution.stopping import asked
 from cpcal.solver.interval import Box
@@ -26,7 +26,7 @@ _DELAY = 0.5  # seconds, of the first call
 
 
 class TimeoutOutcome(NamedTuple):
-    """What a solver returns: its answer, a proved point if it found one, who worked.
+    """What a solver returns: its answer, a proved point if it found one.
 
     `checked`: weights alone prove that the answer is infeasible, so that a certificate can say it.
     """
@@ -36,7 +36,6 @@ class TimeoutOutcome(NamedTuple):
     nodes: int = 0
     programs: int = 0
     checked: bool = False
-    uses: Uses = ()
 
 
 Solver = Callable[[float, float], TimeoutOutcome]  # eps, seconds
@@ -86,21 +85,19 @@ def ask(
     clock = Limits(seconds=seconds).clock()
     search = Search([domain], Divide(contracting, strategy, again=_SHRINK))
     nodes = programs = 0
-    uses: Uses = ()
     for event in search:
         nodes += event.kind is not EventKind.CONTRACTED
         programs += event.contraction.programs
-        uses = total_use(uses, event.decision.uses)
         if observe is not None:
             observe(event)
         witness = _valid(prover, event, highest)
         if witness is not None:
-            return TimeoutOutcome(TimeoutAnswer.FOUND, witness, nodes, programs, uses=uses)
+            return TimeoutOutcome(TimeoutAnswer.FOUND, witness, nodes, programs)
         if clock.over() or asked():
             break
     if search.waiting or search.kept:  # a small box that was kept may hold a point or not: nothing is known
-        return TimeoutOutcome(TimeoutAnswer.TIMEOUT, None, nodes, programs, uses=uses)
-    return TimeoutOutcome(TimeoutAnswer.INFEASIBLE, None, nodes, programs, contracting.proves, uses)
+        return TimeoutOutcome(TimeoutAnswer.TIMEOUT, None, nodes, programs)
+    return TimeoutOutcome(TimeoutAnswer.INFEASIBLE, None, nodes, programs, contracting.proves)
 
 
 def _valid(prover: WitnessProver, event: Event, highest: float) -> Witness | None:

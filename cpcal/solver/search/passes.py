@@ -6,12 +6,12 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import replace
+from itertools import chain
 from typing import NamedTuple, Self
 
 import numpy as np
 
 from cpcal.common.values import TINY, ArrayLike, Floats, Ints, Json, floats
-from cpcal.solver.accounts import ContractorUse, Uses
 from cpcal.solver.contract import (
     Contraction,
     Contractor,
@@ -19,7 +19,6 @@ from cpcal.solver.contract import (
     Step,
     Strategy,
     TakesBatches,
-    Then,
     contracted,
     followed,
     givers,
@@ -29,7 +28,7 @@ from cpcal.solver.execution.executors import Place, Shared
 from cpcal.solver.interval import Box, Boxes, IntervalArray
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Rows
-from cpcal.solver.search.search import Decision, EventKind, Node, Piece, Record, difference
+from cpcal.solver.search.search import Decision, EventKind, Node, Piece, difference
 
 
 class Proof(NamedTuple):
@@ -44,11 +43,10 @@ StepProver = Callable[[Box, Contraction], Proof]  # proves proposed steps again 
 
 
 class Pass(NamedTuple):
-    """What one pass leaves, who worked, and the records of what weights proved."""
+    """What one pass leaves, and the records of what weights proved."""
 
     contraction: Contraction
-    uses: Uses
-    proof: tuple[Record, ...]
+    proof: tuple[Json, ...]
 
 
 class Contracting:
@@ -58,39 +56,28 @@ class Contracting:
     """
 
     def __init__(self, named: Sequence[Named], prover: StepProver | None = None, deadline: float = math.inf) -> None:
-        self.named = [one for name, contractor in named for one in _taken_apart(name, contractor)]  # one by one
+        self.contractors = [contractor for _, contractor in named]
         self._prover, self.deadline = prover, deadline
         self.proves = prover is not None
 
     @property
     def gives_weights(self) -> bool:
         """Whether a certificate can come of it."""
-        return any(givers(contractor) for _, contractor in self.named)
+        return any(map(givers, self.contractors))
 
     def contract(self, box: Box) -> Pass:
         """One pass over a box."""
-        total, proof, uses = Contraction(box), list[Record](), []
-        for name, contractor in self.named:
-            calls = steps = 0
-            for part in [contractor] if self._prover is None else givers(contractor):
-                if total.box.is_empty:
-                    break
-                step = contracted(part, total.box, self.deadline)
-                calls, steps = calls + 1, steps + len(step.steps)
-                if self._prover is not None:
-                    proved = self._prover(total.box, step)
-                    step = replace(step, box=proved.box, steps=proved.steps)
-                    proof += [] if proved.record is None else [(name, proved.record)]
-                total = followed(total, step)
-            uses.append(ContractorUse(name, calls, steps))
-        return Pass(total, tuple(uses), tuple(proof))
-
-
-def _taken_apart(name: str, contractor: Contractor) -> list[Named]:
-    """The parts of a sequence, each by itself, so that those that give weights can be proved."""
-    if not isinstance(contractor, Then):
-        return [(name, contractor)]
-    return [one for part in contractor.parts for one in _taken_apart(type(part).__name__.lower(), part)]
+        total, proof = Contraction(box), list[Json]()
+        for part in self.contractors if self._prover is None else chain.from_iterable(map(givers, self.contractors)):
+            if total.box.is_empty:
+                break
+            step = contracted(part, total.box, self.deadline)
+            if self._prover is not None:
+                proved = self._prover(total.box, step)
+                step = replace(step, box=proved.box, steps=proved.steps)
+                proof += [] if proved.record is None else [proved.record]
+            total = followed(total, step)
+        return Pass(total, tuple(proof))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -123,8 +110,8 @@ class Divide:
         self._strategy, self._inside, self._again, self._outside = strategy, inside, again, outside
         plain = inside is None and again is None and not (outside or contracting.proves)
         ours = type(strategy) in (LargestFirst, Smear)
-        batches = [contractor for _, contractor in contracting.named if isinstance(contractor, TakesBatches)]
-        self._arrays = batches if plain and ours and len(batches) == len(contracting.named) else []
+        batches = [contractor for contractor in contracting.contractors if isinstance(contractor, TakesBatches)]
+        self._arrays = batches if plain and ours and len(batches) == len(contracting.contractors) else []
         self._elsewhere: Shared[Divide] | None = None  # and none in what travels
         if place is not None:
             self._elsewhere = Shared(self, place)
@@ -169,7 +156,7 @@ class Divide:
         done = self._contracting.contract(node.box)
         kind, pieces = self._next(node.box, done.contraction.box)
         removed = difference(node.box, done.contraction.box) if self._outside else ()
-        return Decision(kind, done.contraction, tuple(map(Piece, pieces)), done.uses, done.proof, removed)
+        return Decision(kind, done.contraction, tuple(map(Piece, pieces)), done.proof, removed)
 
     def _next(self, before: Box, box: Box) -> tuple[EventKind, Boxes]:
         if box.is_empty:

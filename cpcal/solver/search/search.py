@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cpcal.common.values import Indices, Names
-from cpcal.solver.accounts import Uses
 from cpcal.solver.contract import Contraction, Row
 from cpcal.solver.execution.checkpoint_file import Line
 from cpcal.solver.interval import Box, Boxes, Interval, IntervalArray
@@ -69,23 +68,19 @@ class Piece:
     decided: Any = field(default=None, compare=False, repr=False)
 
 
-Record = tuple[str, Line]  # a contractor's name, and a step as a certificate says it
-
-
 @dataclass(frozen=True)
 class Decision:
     """What becomes of a node. `contraction.box` is what is left of its box, and `pieces` cover that.
 
     PRUNED has no pieces; KEPT and INSIDE have one, which is stored; CONTRACTED has one, which comes back as a node, and
-    SPLIT has several. `uses` says who contracted, `proof` how weights prove it, for a certificate. `removed` is what
+    SPLIT has several. `proof`: how weights prove it, the steps of a certificate. `removed` is what
     the node's box has lost, in boxes, where it was asked for.
     """
 
     kind: EventKind
     contraction: Contraction
     pieces: tuple[Piece, ...] = ()
-    uses: Uses = ()
-    proof: tuple[Record, ...] = ()
+    proof: tuple[Line, ...] = ()
     removed: Boxes = ()
 
 

@@ -153,8 +153,8 @@ def test_tampering_is_refused(name: str, run: Path) -> None:
     assert main([str(run)]) == REFUSED
 
 
-CONTENTS = (b"", b"{}", b"[]", b"null", b'{"format": "cpcal-result/13"}', b"\xff", b"[" * 100_000, b'{"a": 1e999}',
-            b'{"format": "cpcal-result/13", "legs": ' + b"9" * 5000 + b"}", b'{"format": 1, "format": 1}')  # fmt: skip
+CONTENTS = (b"", b"{}", b"[]", b"null", b'{"format": "cpcal-result/14"}', b"\xff", b"[" * 100_000, b'{"a": 1e999}',
+            b'{"format": "cpcal-result/14", "legs": ' + b"9" * 5000 + b"}", b'{"format": 1, "format": 1}')  # fmt: skip
 
 
 @pytest.mark.parametrize("content", CONTENTS, ids=range(len(CONTENTS)))
