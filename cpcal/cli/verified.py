@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpcal.checker import Refused
-from cpcal.checker.platform import check_accuracy
 from cpcal.checker.run import LegChecked, RobustChecked
 from cpcal.cli.claims import NothingCertifiedError, Statement, told
 from cpcal.common.documents import JSON_MAX, json_object, unguarded
@@ -139,7 +138,8 @@ def _stated_otherwise(campaign: Campaign, result: Result) -> Iterator[str]:
 
 def of_accuracy(folder: Path) -> Iterator[Statement]:
     """What is accepted of a folder that `cpcal accuracy` wrote. Raises Refused, Unusable."""
-    from cpcal.questions.accuracy import load_accuracy  # the other kinds start sooner without
+    from cpcal.checker.platform import check_accuracy  # the other kinds start sooner without
+    from cpcal.questions.accuracy import load_accuracy
 
     _read(load_accuracy, folder)
     yield from check_accuracy(folder)

@@ -9,6 +9,7 @@ Arrays and mappings also stay read-only when a value is copied or unpickled, so 
 digest) stays true of it.
 """
 
+import sys
 from collections.abc import Mapping
 from dataclasses import fields
 from functools import partial
@@ -50,7 +51,7 @@ def as_floats(values: ArrayLike) -> Floats:
     numpy itself would take masked values, drop imaginary parts, and read true as 1.
     """
     parts = (values, *values) if isinstance(values, list | tuple) else (values,)
-    if any(np.ma.is_masked(part) for part in parts):
+    if "numpy.ma" in sys.modules and any(np.ma.is_masked(part) for part in parts):
         raise TypeError("some values are masked")
     array = np.asarray(values)
     if array.dtype.kind not in _REAL:

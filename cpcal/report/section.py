@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -184,6 +183,8 @@ def verdict(word: Words, kind: str, **data: str) -> Mark:
 
 def origin(data: Mapping[str, Words], by: str = "") -> Section:
     """The last section: where a page comes from; `by`: a sentence on what found its answers."""
+    from importlib.metadata import version  # here: `verify` starts sooner without
+
     versions = ", ".join([f"cpcal {__version__}", *(f"{name} {version(name)}" for name in _PACKAGES)])
     written = f"{by} This page was written by {versions}.".lstrip()
     return Section("Where it comes from", data={**data, "Versions": written}, name="origin")

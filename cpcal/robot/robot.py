@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import dataclass
-from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 
@@ -181,7 +181,7 @@ ROBOTS = {
         tuple(entry["stroke"]),
         PoseRange(**entry["workspace"]) if "workspace" in entry else None,
     )
-    for name, entry in tomllib.loads((files("cpcal.robot") / "robots.toml").read_text(encoding="utf-8")).items()
+    for name, entry in tomllib.loads(Path(__file__).with_name("robots.toml").read_text(encoding="utf-8")).items()
 }
 DELTALAB = ROBOTS["deltalab"].robot
 
