@@ -277,21 +277,6 @@ Node(
 """
 
 
-def _easy_handeye(found: HandEyeResult) -> str:
-    """A calibration file of easy_handeye."""
-    in_hand = found.setup == "eye-in-hand"
-    frame = "robot_effector_frame: tool0" if in_hand else "robot_base_frame: base_link"
-    values = "\n".join(f"  {name}: {value}" for name, value in _metres(found).items())
-    return f"""{_told(found, "#")}
-parameters:
-  eye_on_hand: {str(in_hand).lower()}
-  {frame}
-  tracking_base_frame: camera_optical_frame
-transformation:
-{values}
-"""
-
-
 def _urdf(found: HandEyeResult) -> str:
     """A fixed joint; rpy are turns about fixed axes x, y, z in that order, rad."""
     r = rotation_matrix(normalised(found.point.camera_quaternion)).tolist()
@@ -326,7 +311,6 @@ def _opencv(found: HandEyeResult) -> str:
 
 HAND_EYE_FORMS: dict[str, Callable[[HandEyeResult], str]] = {
     "ros2": _ros2,
-    "easy-handeye": _easy_handeye,
     "urdf": _urdf,
     "opencv": _opencv,
 }
@@ -335,7 +319,7 @@ HAND_EYE_FORMS: dict[str, Callable[[HandEyeResult], str]] = {
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal export`: the parameters of a run for a controller.
 
-Format = Literal["toml", "json", "ros2", "easy-handeye", "urdf", "opencv"]
+Format = Literal["toml", "json", "ros2", "urdf", "opencv"]
 
 
 def export(
@@ -349,7 +333,7 @@ def export(
     """Check a RUN as `verify` does, and write its parameters: certified, with ranges, and of least squares.
 
     Beside each number stand unit and frame; what a proof does not hold is left out. Lengths are in mm. Of a hand-eye
-    run the camera's frame is written as ros2, easy-handeye, urdf (in m) or opencv.
+    run the camera's frame is written as ros2, urdf (in m) or opencv.
     """
     hand_eye = (run / HANDEYE.head).exists()
     known = list(HAND_EYE_FORMS) if hand_eye else ["toml", "json"]

@@ -18,7 +18,7 @@ from cpcal.solver.accounts import Trial
 from cpcal.solver.certificate.exact_network import Statement
 from cpcal.solver.certificate.prover import Claims, WeightProver, claims
 from cpcal.solver.certificate.recording import Recording, SearchKeeper, UncheckableError, claims_of
-from cpcal.solver.contract import Contraction, Contractor, Limits, Named, Repeat, TakesParts, Verdict
+from cpcal.solver.contract import Contraction, Contractor, Limits, Named, Repeat, TakesParts, Verdict, givers
 from cpcal.solver.execution.checkpoint_file import Line
 from cpcal.solver.execution.stopping import asked
 from cpcal.solver.interval import Box
@@ -84,7 +84,7 @@ class PreparedLeg(NamedTuple):
     def stated(self, domain: Box) -> Statement | None:
         """What a certificate about a part of the domain would say; None where none is wanted, or there can be none."""
         question = self.question
-        if question.certificates is None or not Contracting(self.named).gives_weights:
+        if question.certificates is None or not any(givers(contractor) for _, contractor in self.named):
             return None
         return self.statement or model_statement(question.campaign, self.leg, question.model, domain, self.only)
 

@@ -38,6 +38,7 @@ from cpcal.solver.contract import (
     Then,
     Verdict,
     contracted,
+    givers,
 )
 from cpcal.solver.execution.checkpoint_file import Checkpoint
 from cpcal.solver.execution.executors import Here, Place, executor_for, linear_algebra_on_one_thread
@@ -495,7 +496,7 @@ class Network(ConstraintNetwork):
                 network._check_bounded(name, contractors, chosen=why != "asked for")
                 named = plugins.build_each(stated, contractors, objective=name)
             names = ", ".join(called for called, _ in named)
-            if exact and not Contracting(named).gives_weights:
+            if exact and not any(givers(contractor) for _, contractor in named):
                 raise ModelError(f"{names} give no weights: no certificate can be written; use lifted")
             first = None
             if start is not None:

@@ -60,11 +60,6 @@ class Contracting:
         self._prover, self.deadline = prover, deadline
         self.proves = prover is not None
 
-    @property
-    def gives_weights(self) -> bool:
-        """Whether a certificate can come of it."""
-        return any(map(givers, self.contractors))
-
     def contract(self, box: Box) -> Pass:
         """One pass over a box."""
         total, proof = Contraction(box), list[Json]()
