@@ -22,6 +22,7 @@ from cpcal.solver.existence.unique import reads
 from cpcal.solver.interval import Box, Floats, Indices, IntervalArray
 from cpcal.solver.linear import Dense, LinearSolution, LinearStatus, Programs
 from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.network.expression import positions
 from cpcal.solver.network.network import restricted
 from cpcal.solver.network.polynomial import PolynomialForms, PolynomialSystem
 from cpcal.solver.network.rows import DecisiveReadings, Rows
@@ -175,14 +176,14 @@ def _original(origin: Indices, network: ConstraintNetwork, keep: list[Indices]) 
     kept = [c for c, rows in enumerate(keep) if rows.size or not network.constraints[c].body.shape]
     out = origin.copy()
     for new, old in enumerate(kept):
-        mine = origin[:, 0] == new
+        mine, shape = origin[:, 0] == new, network.constraints[old].body.shape
         out[mine, 0] = old
-        shape = network.constraints[old].body.shape
         if shape:
-            width = max(int(np.prod(shape[1:])), 1)
-            element = origin[mine, 1]
-            out[mine, 1] = keep[old][element // width] * width + element % width
+            out[mine, 1] = positions(shape)[keep[old]].ravel()[origin[mine, 1]]
     return out
+
+
+_ROUNDINGS, _LEAST = 2.0**-51, 1e-290  # four units; more than what is lost below all normal numbers
 
 
 class LiftedPrograms(Programs):
@@ -190,13 +191,13 @@ class LiftedPrograms(Programs):
 
     name = "lifted"
 
-    def __init__(self, structure: Structure, relaxation: Relaxation, box: Box) -> None:
+    def __init__(self, structure: Structure, box: Box) -> None:
+        self.structure, self.relaxation = structure, (relaxation := Relaxation(structure, box))
         places = {column: k for k, column in enumerate(relaxation.columns.tolist())}
         columns = {variable: places[k] for variable, k in structure.positions.items() if k in places}
         super().__init__(box, columns, len(relaxation.columns))
-        self.structure, self.relaxation = structure, relaxation
-        r = relaxation
-        self.engine = Dense(r.matrix, r.rhs, r.bounds.lo, r.bounds.hi, len(r.products))
+        bounds = relaxation.bounds
+        self.engine = Dense(relaxation.matrix, relaxation.rhs, bounds.lo, bounds.hi, len(relaxation.products))
 
     def support_function(self, directions: Floats) -> Floats:
         """Proved upper bounds (m,) of `directions @ x`; infinite where a program fails."""
@@ -213,10 +214,10 @@ class LiftedPrograms(Programs):
     # proofs ---------------------------------------------------------------------------------------------
 
     def reached(self, variable: int, side: str, solution: LinearSolution) -> float:
-        if not -1.0 < solution.lowest < np.inf:
-            return math.nan
-        low = side == "lo"
-        return self.relaxation.value(variable, solution.lowest if low else -solution.lowest)[0 if low else 1]
+        """An end of `c + r u`: four roundings, each of at most a unit of these sizes."""
+        sign = 1.0 if side == "lo" else -1.0
+        center, reach = self.relaxation.center[variable], self.relaxation.radius[variable] * sign * solution.lowest
+        return center + reach - sign * (_ROUNDINGS * (abs(center) + abs(reach)) + _LEAST)
 
     def carriers(self, solution: LinearSolution) -> tuple[tuple[tuple[int, int], ...], StepWeights]:
         origins = self._origins
@@ -224,27 +225,21 @@ class LiftedPrograms(Programs):
 
     def weights(self, solution: LinearSolution) -> StepWeights:
         """Products of more than two variables, which no certificate has, are left out: the others prove less."""
-        products, exponents, parts = self._told
-        forms, first = self.structure.products.forms, len(products)
+        r, parts, forms = self.relaxation, self.structure.system.part, self.structure.products.forms
+        first = len(r.products)
         rows, pairs, tangents = [], [], []
         for row, weight in zip(solution.rows.tolist(), solution.multipliers.tolist(), strict=True):
             if row >= first:
                 constraint, element = self._origins[row]
-                part, exponent = parts[row - first], exponents[row - first]
+                part, exponent = int(parts[r.kept[row - first]]), int(r.exponents[row - first])
                 rows.append((constraint, part, element, math.ldexp(weight, -exponent)))
                 continue
-            form = forms[products[row]]
+            form = forms[r.products[row]]
             if form is not None and len(form) == 4:
                 pairs.append((*form, weight))
             elif form is not None:
                 tangents.append((*form, weight))
         return StepWeights(tuple(rows), tuple(pairs), tuple(tangents))
-
-    @cached_property
-    def _told(self) -> list[list[int]]:
-        """The products; of all other rows the exponents, and which part of their constraint they are."""
-        r = self.relaxation
-        return [array.tolist() for array in (r.products, r.exponents, self.structure.system.part[r.kept])]
 
     @cached_property
     def _origins(self) -> dict[int, tuple[int, int]]:
@@ -321,4 +316,4 @@ class Lifted(Composable):
         structure = self._structures.on(box, deadline)
         if not structure.positions:
             return None
-        return LiftedPrograms(structure, Relaxation(structure, box), box)
+        return LiftedPrograms(structure, box)

@@ -64,8 +64,12 @@ def _is_square(monomial: Monomial) -> bool:
     return all(count % 2 == 0 for count in Counter(monomial).values())
 
 
-def product_rows(monomials: Monomials, used: Bools) -> ProductRows:
-    """McCormick, secant and tangent rows of every used column of degree two or more, from all its factorings."""
+@lru_cache(maxsize=16)
+def product_rows(monomials: Monomials, used: bytes) -> ProductRows:
+    """McCormick, secant and tangent rows of every used column of degree two or more, from all its factorings.
+
+    `used`: a 1 for each column that is, as the bytes of an array.
+    """
     column = {m: k - 1 for k, m in enumerate(monomials)}
     rows = []
     rhs = []
@@ -382,14 +386,7 @@ def programmed(
             if products[k, m] != 0.0 and not has_column[m]:
                 inside[k] = False
     columns, chosen, kept = np.flatnonzero(has_column), np.flatnonzero(inside), np.flatnonzero(matters)
-    first = chosen.size
-    matrix = np.empty((columns.size, first + kept.size))
-    for j in range(columns.size):
-        m = columns[j]
-        for k in range(first):
-            matrix[j, k] = products[chosen[k], m]
-        for k in range(kept.size):
-            matrix[j, first + k] = rows[m, kept[k]]
+    matrix = np.concatenate((products[chosen][:, columns].T, rows[columns][:, kept]), axis=1)
     return columns, chosen, kept, exponents[kept], matrix, np.concatenate((beside[chosen], rhs[kept]))
 
 
@@ -403,13 +400,13 @@ class Structure:
         self.system = system
         self.shift = _shift(system.monomials, len(system.names))
         rows = CentredRows.of(self.shift, system.coefficients)
-        guards = CentredRows.of(self.shift, _guards(system)) if system.guarded.any() else rows
+        guards = CentredRows.of(self.shift, system.guards[:, system.guarded]) if system.guarded.any() else rows
         # A monomial whose coefficients all contain zero is bounded, not given a column.
         divisors = _divisors(system.monomials)
         self.used = used = _paying(divisors, rows.matters[1:], system.monomials[1:])
         linear = np.array([len(m) < 2 for m in system.monomials[1:]], np.bool_)
         self.bounds = column_bounds(system.monomials)
-        self.products = _products(system.monomials, used.tobytes())
+        self.products = product_rows(system.monomials, used.tobytes())
         products, bounds = self.products, self.bounds
         held = tuple(rows), tuple(guards), system.guarded
         self.given = (*held, products.matrix, products.rhs, divisors & used[:, None], linear, (bounds.lo, bounds.hi))
@@ -437,23 +434,10 @@ def _paying(divisors: Bools, monomials: Bools, degrees: Monomials) -> Bools:
     return out
 
 
-def _guards(system: PolynomialSystem) -> IntervalArray:
-    """The guards of the guarded rows, in all monomials."""
-    own = system.guards[:, system.guarded]
-    lo, hi = np.zeros((2, *own.shape[:2], len(system.monomials)))
-    lo[..., system.guard_monomials], hi[..., system.guard_monomials] = own.lo, own.hi
-    return IntervalArray(lo, hi)
-
-
 # What follows depends on the monomials alone, which the boxes of one system share.
 
 
 _shift = lru_cache(maxsize=16)(Shift)
-
-
-@lru_cache(maxsize=16)
-def _products(monomials: Monomials, used: bytes) -> ProductRows:
-    return product_rows(monomials, np.frombuffer(used, np.bool_))
 
 
 @lru_cache(maxsize=16)
@@ -475,13 +459,8 @@ class Relaxation:
     """
 
     def __init__(self, structure: Structure, box: Box) -> None:
-        self.center, self.radius = box.mid.tolist(), box.rad.tolist()
+        self.center: list[float] = box.mid.tolist()
+        self.radius: list[float] = box.rad.tolist()
         found = programmed(structure.shift.rounded(box.mid, box.rad), *structure.given)
         self.columns, self.products, self.kept, self.exponents, matrix, self.rhs = found
         self.matrix, self.bounds = matrix.T, structure.bounds[self.columns]
-
-    def value(self, variable: int, u: float) -> tuple[float, float]:
-        """Enclosure of `c + r u` for one variable: four roundings, each of at most a unit of these sizes."""
-        center, reach = self.center[variable], self.radius[variable] * u
-        value, error = center + reach, 4.0 * _UNIT * (abs(center) + abs(reach)) + _SMALLEST
-        return value - error, value + error

@@ -60,7 +60,7 @@ def test_monomials_in_a_boxs_coordinates_lie_within_the_widening(degree: int, se
 @given(data=st.data())
 def test_product_rows_hold_for_every_point_of_the_cube(variables: int, degree: int, data: st.DataObject) -> None:
     monomials = all_monomials(variables, degree)
-    rows = product_rows(monomials, np.ones(len(monomials) - 1, dtype=bool))
+    rows = product_rows(monomials, np.ones(len(monomials) - 1, dtype=bool).tobytes())
     assert len(rows.rhs) > 0
     coordinate = st.sampled_from([-1.0, -0.5, 0.0, 0.25, 1.0]) | st.floats(-1, 1, allow_subnormal=False)
     u = [Fraction(v) for v in data.draw(st.lists(coordinate, min_size=variables, max_size=variables))]

@@ -398,17 +398,15 @@ def rewritten(row: Row) -> list[Row]:
 class PolynomialSystem(NamedTuple):
     """K inequalities `sum_m coefficients[:, k, m] * monomials[m] <= 0` in n variables.
 
-    `coefficients` has shape (1 + J, K, M) (see `coefficient`); monomial 0 is 1 and with a monomial all its
-    divisors are listed. `guards` (1 + J, K, G) over `guard_monomials` (positions in `monomials`) are the
-    guards of the rows in `guarded` (K,). `origin` (K, 2) holds constraint and element of each row, `part` which of
-    the rows made from that constraint it belongs to.
+    `coefficients` has shape (1 + J, K, M) (see `coefficient`), and so have `guards`, those of the rows in `guarded`
+    (K,); monomial 0 is 1 and with a monomial all its divisors are listed. `origin` (K, 2) holds constraint and element
+    of each row, `part` which of the rows made from that constraint it belongs to.
     """
 
     names: Names
     monomials: Monomials
     coefficients: IntervalArray
     guarded: Bools
-    guard_monomials: Indices
     guards: IntervalArray
     origin: Indices
     part: Indices
@@ -476,8 +474,6 @@ def _system(network: ConstraintNetwork, rows: list[Expanded], leftover: list[tup
     bodies, guards = [q for _, q, _ in rows], [g for _, _, g in rows]
     forms = [p for p in (*bodies, *guards) if p is not None]
     monomials = _closed({m for p in forms for m in p.monomials})
-    of_guards = {m for g in guards if g is not None for m in g.monomials}
-    guard_columns = [k for k, m in enumerate(monomials) if m in of_guards]
     slots = max((len(p.coefficients[0]) for p in forms), default=1)
     counts = np.array([math.prod(q.shape) for q in bodies], np.intp)
     origins, parts, before = [np.zeros((0, 2), np.intp)], [], Counter[int]()
@@ -491,8 +487,7 @@ def _system(network: ConstraintNetwork, rows: list[Expanded], leftover: list[tup
         monomials=monomials,
         coefficients=_table(bodies, counts, monomials, slots),
         guarded=np.repeat(np.array([g is not None for g in guards], np.bool_), counts),
-        guard_monomials=np.array(guard_columns, np.intp),
-        guards=_table(guards, counts, tuple(monomials[k] for k in guard_columns), slots),
+        guards=_table(guards, counts, monomials, slots),
         origin=np.concatenate(origins),
         part=np.repeat(np.array(parts, np.intp), counts),
         leftover=tuple(leftover),

@@ -53,7 +53,7 @@ def holds(system: PolynomialSystem, point: Floats, box_guard: bool = True) -> li
     for row in range(len(system.origin)):
         shortfall = Fraction(0)
         if system.guarded[row]:
-            guard = lowest(system.guards, row, [values[k] for k in system.guard_monomials])[0]
+            guard = lowest(system.guards, row, values)[0]
             shortfall = min(guard, Fraction(0)) if box_guard else Fraction(0)
         out.append(lowest(system.coefficients, row, values)[0] <= shortfall**2)
     return out
@@ -158,7 +158,7 @@ def test_eliminated_kinks_have_the_same_solutions(name: str) -> None:
 def _guard_is_negative(system: PolynomialSystem, a: float, b: float) -> bool:
     if not system.guarded.any():
         return False
-    values = [prod(((a, b)[i] for i in system.monomials[k]), start=1.0) for k in system.guard_monomials]
+    values = [prod(((a, b)[i] for i in m), start=1.0) for m in system.monomials]
     return bool((system.guards.hi[0, system.guarded] @ np.array(values) < 0).all())
 
 
