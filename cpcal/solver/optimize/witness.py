@@ -7,7 +7,6 @@ is proved to exist in a tiny box, on which everything else must hold.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -266,21 +265,17 @@ class PointVerdicts(NamedTuple):
     fails: Bools
 
 
-def verify_point(
-    network: ConstraintNetwork, point: ArrayLike, reading: Sequence[ReadingConstraint] | None = None
-) -> PointVerdicts:
+def verify_point(network: ConstraintNetwork, point: ArrayLike) -> PointVerdicts:
     """Verify a point (n,), one value for each component in the order of `names`.
 
     Element k holds when THERE EXIST readings in their sets with which all constraints hold at k; it fails when some
-    constraint does not hold at k for any readings. Constraints of one element count for all. `reading`: those of the
-    network with readings, in their order, where they are set up already.
+    constraint does not hold at k for any readings. Constraints of one element count for all.
     """
     x = floats(point)
     box, constraints = IntervalArray.point(x[None]), network.constraints
     count = max((c.body.shape[0] for c in constraints if c.body.shape), default=1)
     holds, fails = np.ones(count, bool), np.zeros(count, bool)
     for_some = np.zeros(count, np.intp)  # constraints at an element that hold, but not for all readings
-    asked = [c for c in constraints if reads(c)]
     with np.errstate(all="ignore"):
         tape, decisive = rows_tape(network), DecisiveReadings(network)
         slots = tape.forward(box)
@@ -295,7 +290,8 @@ def verify_point(
             violated = np.zeros(constraint.body.size, bool)
             violated[elements] = np.where(values.empty, -np.inf, values.lo).ravel() > 0.0  # for all readings
             fails |= _by_row(violated, constraint, count, every=False)
-        for constraint, one in zip(asked, reading or [ReadingConstraint(network, c) for c in asked], strict=True):
+        for constraint in filter(reads, constraints):
+            one = ReadingConstraint(network, constraint)
             for_all = one.for_all(box)
             for_some += ~_by_row(for_all, constraint, count, every=True)
             holds &= _by_row(for_all | (one.excesses(box, x) <= 0.0), constraint, count, every=True)
