@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -184,8 +184,7 @@ def searched(
     """
     question, domain = leg.question, leg.domain if domain is None else domain
     statement = None if to_claim is None else leg.stated(domain)
-    with ExitStack() as keep:
-        recording = None if statement is None else keep.enter_context(Recording(statement, domain))
+    with nullcontext() if statement is None else Recording(statement, domain) as recording:
         if recording is not None and begun is not None:
             recording.follow(begun.steps)
         keeper, kept = None, question.checkpoints

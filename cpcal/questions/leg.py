@@ -145,6 +145,7 @@ def _not_certified(question: Question, leg: int, answer: Answered) -> Uncertifie
 # The ranges of a leg's parameters at a tolerance: how well its measurements determine it, each side proved.
 
 MARGIN = 1.1  # times eps_hi: at eps_hi itself hardly more than one point is left
+_SHARED = 2.0  # times eps_hi: from larger ranges on the bracket gains nothing
 PREFIX = "ranges-"  # of the certificates' names
 
 
@@ -205,7 +206,9 @@ def _begun(prepared: PreparedLeg, start: Floats) -> tuple[Known | None, Answered
     first = searched(alone, limits=replace(question.limits, nodes=0), start=start).minimum
     if first.witness is None:
         return None, None
-    found = _enclosed(prepared, first.witness.point[:-1], range_eps(options, first.hi))
+    found, eps = None, range_eps(options, first.hi)
+    if eps is not None and eps <= _SHARED * first.hi:
+        found = _enclosed(prepared, first.witness.point[:-1], eps)
     if found is not None and (found.minimum.interrupted or not (found.steps or question.certificates is None)):
         found = None
     return Known(first.witness, 1), found

@@ -123,7 +123,8 @@ def _plan(model: str, reads: bool, side: str) -> _Plan:
 
 def _exponents(monomial: int) -> list[tuple[int, int]]:
     """The fields of a monomial that are not zero, and their exponents."""
-    powers = ((field, monomial >> FIELD * field & (1 << FIELD) - 1) for field in range(64))
+    fields = range(monomial.bit_length() // FIELD + 1)
+    powers = ((field, monomial >> FIELD * field & (1 << FIELD) - 1) for field in fields)
     return [(field, power) for field, power in powers if power]
 
 
