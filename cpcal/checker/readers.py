@@ -82,7 +82,7 @@ def exact(value: Any) -> F:
 Reader = Callable[[Any], Any]
 _HIGHEST_POWER = 1100
 _DYADIC = re.compile(r"(-?)0x([0-9a-f]{1,64})(?:\.([0-9a-f]{1,64}))?p([-+][0-9]{1,4})")
-_DECIMALS = re.compile(r"(?:-?[0-9]{1,30}(?:\.[0-9]{1,30})?(?:e[-+]?[0-9]{1,3})? )*")
+_DECIMALS = re.compile(r"(?:-?[0-9]{1,30}+(?:\.[0-9]{1,30}+)?+(?:e[-+]?[0-9]{1,3}+)?+ )*+")
 
 
 def shown(value: object) -> str:
@@ -204,12 +204,9 @@ def binary(mantissa: int, power: int) -> F:
 
 def decimals(values: list[Any]) -> list[float]:
     """Numbers of a campaign: the float64 nearest to each decimal text."""
-    texts = [value if type(value) is str else " " for value in values]
-    joined = " ".join([*texts, ""])
+    joined = " ".join([*values, ""]) if {*map(type, values)} <= {str} else "?"
     if _DECIMALS.fullmatch(joined) is None or joined.count(" ") > len(values):
-        wrong = next(
-            v for v, own in zip(values, texts, strict=True) if " " in own or not _DECIMALS.fullmatch(own + " ")
-        )
+        wrong = next(v for v in values if type(v) is not str or " " in v or not _DECIMALS.fullmatch(v + " "))
         raise Refused(f"{shown(wrong)} is no decimal number")
     found = list(map(float, values))
     return found if all(map(isfinite, found)) else list(map(finite, values))  # which says what is not
