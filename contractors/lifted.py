@@ -108,7 +108,6 @@ class Structures:
         self._rows = Rows(network) if elements > max(_MANY, _MANY_EACH * len(network.names)) else None
         self.by_box = self._rows is not None or any(map(reads, network.constraints))  # else one serves all boxes
         self._keep: list[Indices] | None = None  # of each constraint the elements that are expanded; None: all
-        self._some: ConstraintNetwork | None = None  # with these alone
         self._forms: PolynomialForms | None = None
         self._decisive: DecisiveReadings | None = None
         self._given: PolynomialSystem | None = None  # where no readings decide, if it need not be expanded
@@ -122,18 +121,15 @@ class Structures:
         """
         seeking = self._objective is not None and bool(box.rad[self._objective] > 0.0)
         keep = None if self._rows is None else self._telling(self._rows, box, seeking)
-        if self._some is None or not all(map(np.array_equal, keep or (), self._keep or ())):
-            self._some = some = self._network if keep is None else restricted(self._network, keep)
-            self._keep, self._forms, self._known = keep, None, {}
+        if self._forms is None or not all(map(np.array_equal, keep or (), self._keep or ())):
+            some = self._network if keep is None else restricted(self._network, keep)
+            self._keep, self._forms, self._known = keep, PolynomialForms(some, deadline), {}
             self._decisive = DecisiveReadings(some) if any(map(reads, some.constraints)) else None
         sets = None if self._decisive is None else self._decisive.on(box, _DECIDED if seeking else 0.0)
         key = b"".join(b for own in sets or () for part in own.values() for b in (part.lo.tobytes(), part.hi.tobytes()))
         structure = self._known.pop(key, None)
         if structure is None:
-            system = None if key else self._given
-            if system is None:
-                self._forms = self._forms or PolynomialForms(self._some, deadline)
-                system = self._forms.on(sets)
+            system = self._forms.on(sets) if key or self._given is None else self._given
             if keep is not None:
                 system = system._replace(origin=_original(system.origin, self._network, keep))
             structure = Structure(system)

@@ -730,18 +730,9 @@ class Dense:
             for k in sorted(order[before:done].tolist()):
                 if found[k] == _LEFT_OUT:
                     continue
-                if found[k] != FAILED:
-                    carrying = k, slice(each_size[k])
-                    yield (
-                        k,
-                        LinearSolution(_SAID[found[k]], points[k], rows[carrying], weights[carrying], each_lowest[k]),
-                    )
-                    continue
-                solution = self._by_highs(objectives[k])
-                if solution.status is LinearStatus.OPTIMAL:
-                    np.minimum(reach[0], solution.point, out=reach[0])
-                    np.maximum(reach[1], solution.point, out=reach[1])
-                yield k, solution
+                carrying = k, slice(each_size[k])
+                solution = LinearSolution(_SAID[found[k]], points[k], rows[carrying], weights[carrying], each_lowest[k])
+                yield k, self._by_highs(objectives[k]) if found[k] == FAILED else solution
 
     def _by_highs(self, objective: Floats) -> LinearSolution:
         """Where there is no point, `min t : rows z <= rhs + t`, whose multipliers are a Farkas ray."""

@@ -436,8 +436,7 @@ class PolynomialForms:
 
     def __init__(self, network: ConstraintNetwork, deadline: float = math.inf) -> None:
         self._network, self._deadline = network, deadline
-        self._first = one_sided_rows(network)
-        self._parts = [rewritten(row) for row in self._first]
+        self._parts: list[list[Row]] = []  # of each one-sided row those that are made of it
         self._expander: Expander | None = None
 
     def __getstate__(self) -> dict[str, object]:
@@ -450,8 +449,9 @@ class PolynomialForms:
         `sets` may give, for each one-sided row, smaller reading sets that decide it (see `DecisiveReadings`).
         """
         if self._expander is None:
-            roots = tuple(row.expr for row in self._first)
-            self._expander = Expander(self._network, roots, self._deadline)
+            first = one_sided_rows(self._network)
+            self._parts = [rewritten(row) for row in first]
+            self._expander = Expander(self._network, tuple(row.expr for row in first), self._deadline)
         expanded, leftover = [], []
         monomials, size = set[Monomial](), 0
         for part, own in ((part, sets[k] if sets else {}) for k, parts in enumerate(self._parts) for part in parts):
