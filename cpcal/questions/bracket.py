@@ -187,7 +187,9 @@ def searched(
     with nullcontext() if statement is None else Recording(statement, domain) as recording:
         if recording is not None and begun is not None:
             recording.follow(begun.steps)
-        keeper, kept = None, question.checkpoints
+        # the one search of a leg that may take long
+        place, kept = (question.place, question.checkpoints) if to_claim is the_answer else (None, None)
+        keeper = None
         if kept is not None:
             keeper = SearchKeeper(*kept.part(leg.leg, "search"), recording, resume=kept.resume)
         states = minimize(
@@ -201,7 +203,7 @@ def searched(
             observe=None if recording is None else recording.event,
             resume=None if keeper is None else keeper.resumed(),
             keep=keeper,
-            place=question.place,
+            place=place,
             **how,
         )
         found = run(states, tell)

@@ -110,10 +110,9 @@ def _leg_result(part: PreparedLeg, found: Minimum, proved: Json, **others: Any) 
 
 def _support(leg: PreparedLeg, found: Minimum) -> Names:
     """Few measurements that give the lower bound by themselves."""
-    question = leg.question._replace(place=None, checkpoints=None)
+    question, limits, best = leg.question, leg.question.limits, Known(found.witness, 0)
     if question.options.support == "none":
         return ()
-    leg, limits, best = leg._replace(question=question), question.limits, Known(found.witness, 0)
 
     def alone(elements: Indices, enough: float) -> Alone:
         """The lower bound by a part of the measurements, up to what is enough; the best point of all is theirs too."""
@@ -185,7 +184,7 @@ def _enclosed(prepared: PreparedLeg, point: ArrayLike, eps: float | None) -> Ans
     if eps is None or not domain["eps"].lo <= eps <= domain["eps"].hi:
         return None
     return searched(
-        prepared._replace(question=question._replace(checkpoints=None)),
+        prepared,
         the_enclosure,
         file=f"{PREFIX}leg{prepared.leg}",
         domain=domain.replace("eps", hi=eps),
@@ -202,8 +201,7 @@ def _begun(prepared: PreparedLeg, start: Floats) -> tuple[Known | None, Answered
     question, options = prepared.question, prepared.question.options
     if not (options.ranges and options.method == "bound" and options.eps is None and built_in(question.model)):
         return None, None
-    alone = prepared._replace(question=question._replace(checkpoints=None))
-    first = searched(alone, limits=replace(question.limits, nodes=0), start=start).minimum
+    first = searched(prepared, limits=replace(question.limits, nodes=0), start=start).minimum
     if first.witness is None:
         return None, None
     found, eps = None, range_eps(options, first.hi)
@@ -247,7 +245,6 @@ def robust_leg(question: Question, leg: int) -> LegResult:
     A search that ends at the limits leaves the bracket open, as does one that cannot refute the target.
     """
     began, options, ids = time.monotonic(), question.options, question.campaign.measurement_ids
-    question = question._replace(place=None, checkpoints=None)
     center, supports = question.center(leg), list[_Refutation]()
     without = guessed(question, leg, center)
     best = _searched(prepared_leg(question, leg, center=center, only=_others(question, without))).minimum
