@@ -11,7 +11,8 @@ its code each time, which took 15 of 36 seconds that the kernels of a leg need.
 
 One process compiles a function, the others wait for what it keeps. The lock is a file beside the machine code, one for
 each source file, taken where no machine code was found; the system takes it back when a process ends. None waits
-longer than `LONGEST`, but compiles itself.
+longer than `LONGEST`, but compiles itself. The first process that compiles has another one begin with what takes the
+longest, its `ahead` calls, so that two processors work.
 
 With NUMBA_DISABLE_JIT=1 nothing is compiled. Where numba is missing, or no folder can be written, everything works,
 slower, and says so once.
@@ -44,6 +45,7 @@ Function: TypeAlias = Callable[..., Any]
 F = TypeVar("F", bound=Function)
 
 _stamps: dict[str, str] = {}  # of every module with compiled functions
+_ahead: list[Callable[[], object]] = []
 _compiling = 0  # kernels that this process has compiled
 _making = RLock()
 _deadline: ContextVar[float] = ContextVar("deadline", default=math.inf)
@@ -126,6 +128,40 @@ def _made(function: Function, linked: bool) -> tuple[Function, Callable[[], None
     if not linked:
         _keep(dispatcher, function, link)
     return dispatcher, link
+
+
+def ahead(call: F) -> F:
+    """A call without arguments, at the top of a module, of kernels that take long to compile."""
+    _ahead.append(call)
+    return call
+
+
+@cache
+def _begin_ahead() -> Any:
+    """The process that makes the calls of the modules loaded now, if there is one. It ends with this one."""
+    import atexit
+    import multiprocessing
+    import subprocess
+
+    if not _ahead or not sys.executable or (os.cpu_count() or 1) < 2 or multiprocessing.parent_process() is not None:
+        return None
+    script = [
+        f"import sys; sys.path[:] = {sys.path!r}",
+        "from cpcal.solver import compiled; compiled._begin_ahead = lambda: None",
+        *(f"from {call.__module__} import {call.__name__} as call; call()" for call in _ahead),
+    ]
+    command, nothing = [sys.executable, "-c", "\n".join(script)], subprocess.DEVNULL
+    try:
+        process = subprocess.Popen(command, stdin=nothing, stdout=nothing, stderr=nothing)
+    except OSError:
+        return None
+
+    def end() -> None:
+        process.kill()
+        process.wait()
+
+    atexit.register(end)
+    return process
 
 
 def plain(function: F) -> F:
@@ -234,6 +270,7 @@ def _machine_code(function: Function, link: Callable[[], None]) -> Any:
             file = self._file(signature, context.codegen())
             found = self._read(file, context)
             if found is None:
+                _begin_ahead()
                 self.turn.enter_context(_turn(folder / f"{module}.lock", function.__name__))
                 found = self._read(file, context)  # another process may have made it meanwhile
             if found is None and time.monotonic() > _deadline.get():
@@ -313,7 +350,7 @@ def _turn(lock: Path, name: str) -> Iterator[None]:
             try:
                 exclusive(descriptor)
             except BlockingIOError:
-                if not told and time.monotonic() > began + 0.5:
+                if not told and time.monotonic() > began + 0.5 and _begin_ahead() is None:
                     _tell(f"cpcal: waiting for another process that compiles '{name}'")
                     told = True
                 time.sleep(_PAUSE)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cpcal.common.values import Bools, Floats, Indices, all_finite
-from cpcal.solver.compiled import compiled
+from cpcal.solver.compiled import ahead, compiled
 from cpcal.solver.contract import Contraction, Row, Step, StepWeights
 from cpcal.solver.interval import Box, IntervalArray
 
@@ -757,6 +757,11 @@ class Dense:
                 lowest = lower_bound(rows, self._rhs, carrying, multipliers, aim, columns)
                 return LinearSolution(status, np.asarray(found.x[:n]), carrying, multipliers, lowest)
         return LinearSolution(LinearStatus.FAILED, np.zeros(n), np.zeros(0, np.intp), np.zeros(0))
+
+
+@ahead
+def _smallest() -> None:
+    Dense(np.ones((1, 1)), *np.ones((3, 1))).minimize(np.ones(1))
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -33,6 +33,33 @@ exclusive(os.open(sys.argv[1], os.O_RDWR | os.O_CREAT))
 print(flush=True)
 time.sleep(100)
 """
+AHEAD = """
+from cpcal.solver.compiled import ahead
+
+@ahead
+def call():
+    return f(1.0)
+"""
+BESIDE = """
+import time, slow
+from cpcal.solver import compiled
+from pathlib import Path
+from upper import twice
+twice(1.0)
+while not list(Path(slow.__file__).parent.glob("__pycache__/slow.f-*.kernel")):
+    time.sleep(0.1)
+print(slow.f(1.0), compiled._compiling)
+"""
+A_LEG = """
+import cpcal
+from cpcal.solver import compiled, linear
+from cpcal.solver.network import coefficient
+longest = [linear._solved.made(False), coefficient.products.made(False)]
+for call in compiled._ahead:
+    call()
+cpcal.certify(cpcal.simulate(seed=1), legs=[1])
+print([len(one.signatures) for one in longest])
+"""
 RUN = "from upper import twice; print(twice(1.0))"
 ROOT = Path(compiled.__file__).parents[2]
 
@@ -67,6 +94,7 @@ def modules(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
     compiled._say_once.cache_clear()
     monkeypatch.delenv("CPCAL_QUIET", raising=False)
+    monkeypatch.setattr(compiled, "_begin_ahead", lambda: None)
     return tmp_path
 
 
@@ -106,6 +134,18 @@ def test_of_two_processes_one_compiles_and_the_other_takes_what_it_made(modules)
     said = [one.communicate(timeout=100) for one in both]
     assert [out for out, _ in said] == ["101.0\n"] * 2
     assert sum("compiling" in told.replace("that compiles", "") for _, told in said) == 1
+
+
+@pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="one processor")
+def test_the_first_process_that_compiles_has_another_one_begin_with_what_takes_long(modules):
+    (modules / "slow.py").write_text(SLOW + AHEAD)
+    said, told = begun(modules, BESIDE).communicate(timeout=100)
+    assert (said, told.count("\n")) == ("101.0 1\n", 1)
+
+
+def test_what_is_compiled_ahead_is_what_a_leg_calls(tmp_path):
+    said, told = begun(tmp_path, A_LEG).communicate(timeout=100)
+    assert said == "[1, 1]\n", told
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cpcal.common.values import Bools, Floats, Indices
-from cpcal.solver.compiled import compiled
+from cpcal.solver.compiled import ahead, compiled
 from cpcal.solver.interval.kernels import Arrays, Bounds, add, at, div, mul, neg, sqr
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -99,6 +99,12 @@ def products(a: Arrays, b: Arrays, pairs: Indices, size: int, count: int, square
         if x.moves[:, i].any() and y.moves[:, j].any():
             _second_order(x, y, i, j, twice, v, g, error[m])
     return _bounds(value, extent, error, counts)
+
+
+@ahead
+def _smallest() -> None:
+    one = np.ones((1, 1, 1))
+    products((one, one), (one, one), np.zeros((1, 3), np.intp), 1, 1, False)
 
 
 @compiled
