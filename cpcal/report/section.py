@@ -167,13 +167,11 @@ def html(words: Words) -> Markup:
     if isinstance(words, str):  # hidden characters as escapes; line breaks stay, HTML shows them as spaces
         return escape("\n".join(printable(line) for line in words.expandtabs().split("\n")))
     if not isinstance(words, Mark):
-        return Markup("").join(map(html, words))
+        return Markup("".join(map(html, words)))
     given = {"class": words.style, "href": words.link, **{f"data-{name}": value for name, value in words.data.items()}}
-    attributes = Markup("").join(
-        Markup(' {}="{}"').format(name, value) for name, value in given.items() if value or name.startswith("data-")
-    )
-    tag = Markup("a" if words.link else "span")
-    return Markup("<{0}{1}>{2}</{0}>").format(tag, attributes, html(words.words))
+    attributes = (f' {name}="{escape(value)}"' for name, value in given.items() if value or name.startswith("data-"))
+    tag = "a" if words.link else "span"
+    return Markup(f"<{tag}{''.join(attributes)}>{html(words.words)}</{tag}>")
 
 
 def verdict(word: Words, kind: str, **data: str) -> Mark:
