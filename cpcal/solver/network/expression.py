@@ -10,7 +10,7 @@ import math
 import operator
 import os
 import reprlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import partial, reduce
@@ -60,13 +60,16 @@ def positions(shape: Shape) -> Ints:
 # Walks over the DAG of expressions, without recursion: a sum of thousands of terms is thousands of levels deep.
 
 
-def topological(roots: Iterable[Expr]) -> list[Expr]:
-    """All distinct nodes under `roots`, arguments first; equal expressions are one node."""
+def topological(roots: Iterable[Expr], known: Container[bytes] = ()) -> list[Expr]:
+    """All distinct nodes under `roots`, arguments first; equal expressions are one node.
+
+    Those that are `known`, by their digests, are left out, and what is below them alone.
+    """
     order = {}
     stack = [(root, False) for root in reversed(list(roots))]
     while stack:
         node, expanded = stack.pop()
-        if node.digest in order:
+        if node.digest in order or node.digest in known:
             continue
         if expanded:
             order[node.digest] = node
@@ -79,9 +82,8 @@ def topological(roots: Iterable[Expr]) -> list[Expr]:
 def folded(root: Expr, value: Callable[[Expr, list[T]], T], known: dict[bytes, T] | None = None) -> T:
     """What `value` makes of the root, and of what it made of its arguments, from the leaves up; `known` grows by it."""
     known = {} if known is None else known
-    for node in topological((root,)):
-        if node.digest not in known:
-            known[node.digest] = value(node, [known[arg.digest] for arg in node.args])
+    for node in topological((root,), known):
+        known[node.digest] = value(node, [known[arg.digest] for arg in node.args])
     return known[root.digest]
 
 

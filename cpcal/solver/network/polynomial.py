@@ -104,17 +104,16 @@ class Expander:
 
     def expand(self, root: Expr) -> PolynomialArray:
         """The polynomial form of `root`. Raises NotPolynomial."""
-        for node in topological((root,)) if root.digest not in self._done else ():
-            if node.digest not in self._done:
-                try:
-                    args = [self._found(arg) for arg in node.args]
-                    if not all(passes_down(node, arg) for arg, own in zip(node.args, args, strict=True) if own.reads):
-                        raise NotPolynomial(f"{node.op!r} mixes the measurements of a reading")
-                    if node.op in ("mul", "sqr", "power") and time.monotonic() > self._deadline:
-                        raise NotPolynomial("the time limit came first")
-                    self._done[node.digest] = self._node(node, args, self._whole)
-                except NotPolynomial as reason:
-                    self._done[node.digest] = reason
+        for node in topological((root,), self._done):
+            try:
+                args = [self._found(arg) for arg in node.args]
+                if not all(passes_down(node, arg) for arg, own in zip(node.args, args, strict=True) if own.reads):
+                    raise NotPolynomial(f"{node.op!r} mixes the measurements of a reading")
+                if node.op in ("mul", "sqr", "power") and time.monotonic() > self._deadline:
+                    raise NotPolynomial("the time limit came first")
+                self._done[node.digest] = self._node(node, args, self._whole)
+            except NotPolynomial as reason:
+                self._done[node.digest] = reason
         return self._found(root)
 
     def again(self, roots: Sequence[Expr], sets: Mapping[bytes, IntervalArray]) -> list[PolynomialArray]:
@@ -473,7 +472,7 @@ class PolynomialForms:
 def _system(network: ConstraintNetwork, rows: list[Expanded], leftover: list[tuple[int, str]]) -> PolynomialSystem:
     bodies, guards = [q for _, q, _ in rows], [g for _, _, g in rows]
     forms = [p for p in (*bodies, *guards) if p is not None]
-    monomials = _closed({m for p in forms for m in p.monomials})
+    monomials = _closed(frozenset(m for p in forms for m in p.monomials))
     slots = max((len(p.coefficients[0]) for p in forms), default=1)
     counts = np.array([math.prod(q.shape) for q in bodies], np.intp)
     origins, parts, before = [np.zeros((0, 2), np.intp)], [], Counter[int]()
@@ -494,7 +493,8 @@ def _system(network: ConstraintNetwork, rows: list[Expanded], leftover: list[tup
     )
 
 
-def _closed(monomials: set[Monomial]) -> Monomials:
+@lru_cache(maxsize=16)
+def _closed(monomials: frozenset[Monomial]) -> Monomials:
     """All divisors of the given monomials, by degree, then by variables."""
     out: set[Monomial] = {()}
     todo = list(monomials)
