@@ -18,10 +18,10 @@ def printable(text: str | os.PathLike[str]) -> str:
 
     So a name can neither forge a line of output nor send commands to a terminal.
     """
-    path = os.fspath(text)
-    if path.isprintable():
-        return path
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in path)
+    given = os.fspath(text)
+    if given.isprintable():
+        return given
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in given)
 
 
 YOUR_DATA = "docs/your-data.md, which lists every key and column."
