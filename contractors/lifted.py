@@ -216,8 +216,8 @@ class LiftedPrograms(Programs):
         return center + reach - sign * (_ROUNDINGS * (abs(center) + abs(reach)) + _LEAST)
 
     def carriers(self, solution: LinearSolution) -> tuple[tuple[tuple[int, int], ...], StepWeights]:
-        origins = self._origins
-        return tuple([origins[row] for row in solution.rows.tolist() if row in origins]), _Weights(self, solution)
+        found = map(self._origins.__getitem__, solution.rows.tolist())
+        return tuple(filter(None, found)), _Weights(self, solution)
 
     def weights(self, solution: LinearSolution) -> StepWeights:
         """Products of more than two variables, which no certificate has, are left out: the others prove less."""
@@ -225,8 +225,9 @@ class LiftedPrograms(Programs):
         first = len(r.products)
         rows, pairs, tangents = [], [], []
         for row, weight in zip(solution.rows.tolist(), solution.multipliers.tolist(), strict=True):
-            if row >= first:
-                constraint, element = self._origins[row]
+            origin = self._origins[row]
+            if origin is not None:
+                constraint, element = origin
                 part, exponent = int(parts[r.kept[row - first]]), int(r.exponents[row - first])
                 rows.append((constraint, part, element, math.ldexp(weight, -exponent)))
                 continue
@@ -238,10 +239,10 @@ class LiftedPrograms(Programs):
         return StepWeights(tuple(rows), tuple(pairs), tuple(tangents))
 
     @cached_property
-    def _origins(self) -> dict[int, tuple[int, int]]:
-        """Of the rows that are no products constraint and element."""
-        origins = self.structure.origins
-        return dict(enumerate([origins[k] for k in self.relaxation.kept.tolist()], len(self.relaxation.products)))
+    def _origins(self) -> list[tuple[int, int] | None]:
+        """Constraint and element of each row, none of products."""
+        origins, products = self.structure.origins, self.relaxation.products
+        return [None] * len(products) + [origins[k] for k in self.relaxation.kept.tolist()]
 
 
 class _Weights(StepWeights):

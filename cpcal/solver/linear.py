@@ -608,6 +608,7 @@ def _solved(
     objectives: Floats,
     near: Indices,
     pivots: int,
+    first: Indices,
     fresh: bool,
     done: int,
     last: int,
@@ -622,11 +623,11 @@ def _solved(
 ) -> int:
     """`minimise` for the objectives (P, n), number 0 first, until `last` of them are `done`, or one is not OPTIMAL.
 
-    From the box alone where the vertex is not of this polyhedron (`fresh`). One is left out where a vertex before is
-    next to the bound that it asks about: column `near[k]` at -1 or, where its objective falls, 1. `order` says which
-    are done, in turn. `reach` (2, n): the lowest and the highest of all vertices. `points` (P, n) are the vertices; the
-    rows with a multiplier go into `carrying`, their multipliers into `weights` (both (P, n + 1)), `count` of them, and
-    what they prove into `lowest`.
+    From the box and the `first` rows where the vertex is not of this polyhedron (`fresh`). One is left out where a
+    vertex before is next to the bound that it asks about: column `near[k]` at -1 or, where its objective falls, 1.
+    `order` says which are done, in turn. `reach` (2, n): the lowest and the highest of all vertices. `points` (P, n)
+    are the vertices; the rows with a multiplier go into `carrying`, their multipliers into `weights` (both (P, n + 1)),
+    `count` of them, and what they prove into `lowest`.
     """
     n = v.point.size
     while done < last:
@@ -638,6 +639,7 @@ def _solved(
             status[k] = _LEFT_OUT
             continue
         if fresh:
+            begin(v, columns, rhs, first)
             to_box(v, objective)
             fresh = False
         status[k] = minimise(v, columns, rhs, objective, pivots)
@@ -699,8 +701,7 @@ class Dense:
         if m > _ALL:  # the rows with the least room at the origin are the likeliest to matter
             likeliest = always + np.argsort(self._rhs[always:], kind="stable")[: _FIRST * n]
             first = np.concatenate([np.arange(always), np.sort(likeliest)])
-        begin(self._vertex, self._columns, self._rhs, first)
-        self._fresh = True
+        self._first, self._fresh = first, True
 
     def minimize(self, objective: Floats) -> LinearSolution:
         return next(self.each(objective[None], np.full(1, -1)))[1]
@@ -719,7 +720,7 @@ class Dense:
         (order, sizes), status = np.zeros((2, count), np.intp), np.full(count, _WAITING)
         points, lowest = np.empty((count, n)), np.empty(count)
         rows, weights = np.empty((count, n + 1), np.intp), np.empty((count, n + 1))
-        program = self._vertex, self._columns, self._rhs, objectives, near, _PIVOTS * n
+        program = self._vertex, self._columns, self._rhs, objectives, near, _PIVOTS * n, self._first
         out: tuple[Any, ...] = (status, order, points, sizes, rows, weights, lowest)
         together = count if self._columns.size <= _QUICK else 1
         done = 0
