@@ -42,8 +42,8 @@ class Directions:
     """
 
     def __init__(self, box: Box, columns: Mapping[int, int], count: int, directions: Floats) -> None:
-        center = IntervalArray.point(np.broadcast_to(box.mid, directions.shape))
-        radius = IntervalArray.point(np.broadcast_to(box.rad, directions.shape))
+        shape = directions.shape
+        center, radius = (IntervalArray.point(np.broadcast_to(of, shape)) for of in (box.mid, box.rad))
         scaled, self._exponents = _scaled(directions, box.rad)
         unit = IntervalArray.point(scaled)
         slopes = unit * radius

@@ -189,24 +189,21 @@ class CentredRows(NamedTuple):
     def of(cls, shift: Shift, coefficients: IntervalArray) -> "CentredRows":
         """`coefficients` are (1 + J, K, M)."""
         gamma = 4.0 * (len(shift.beta) * coefficients.shape[0] + shift.degree + 8) * _UNIT
-        # along the rows in memory, for the loops of `_centred`
+        # along the rows in memory, for the loops of `centred`
         lo = np.ascontiguousarray(coefficients.lo.transpose(0, 2, 1))
         hi = lo if coefficients.lo is coefficients.hi else np.ascontiguousarray(coefficients.hi.transpose(0, 2, 1))
         mid, errors, matters = _split(lo, hi, gamma)
         terms = np.flatnonzero(np.any(errors, axis=1)[shift.alpha])
         return cls(mid, errors, matters, terms, shift.beta[terms], shift.alpha[terms], gamma)
 
-    def on(self, rounded: Floats) -> tuple[Floats, Floats]:
-        """On a box with these terms of the shift: coefficients (M, K) of every u^beta, and a widening (K,): for all
-        readings in their sets the row's value at u lies within the widening of `coefficients.T @ u^beta`.
-        """
-        return _centred(tuple(self), rounded)
-
 
 @compiled
-def _centred(held: Held, rounded: Floats) -> tuple[Floats, Floats]:
-    """`errors` (M, K): for each coefficient its own radius, and all roundings of its products, per unit of a term.
+def centred(held: Held, rounded: Floats) -> tuple[Floats, Floats]:
+    """Of `held` rows, on a box with these terms of the shift: coefficients (M, K) of every u^beta, a widening (K,).
 
+    For all readings in their sets the row's value at u lies within the widening of `coefficients.T @ u^beta`.
+
+    `errors` (M, K): for each coefficient its own radius, and all roundings of its products, per unit of a term.
     A sum of p products errs by at most p u / (1 - p u) times the sum of their sizes; gamma is four times p u for all p
     that occur, which covers the roundings of the widening, too.
     """
@@ -265,7 +262,7 @@ def _widened(widening: Floats, guards: Floats, error: Floats, guarded: Bools) ->
 
 @compiled
 def _split(lo: Floats, hi: Floats, gamma: float) -> tuple[Floats, Floats, Bools]:
-    """Midpoints (slots, M, K); errors (M, K) as `_centred` takes them, of all slots; which monomials matter."""
+    """Midpoints (slots, M, K); errors (M, K) as `centred` takes them, of all slots; which monomials matter."""
     slots, size, count = lo.shape
     mid, errors = np.empty((slots, size, count)), np.zeros((size, count))
     matters = np.zeros(size, np.bool_)
@@ -365,9 +362,9 @@ def programmed(
     the products that lie in them; the rows that some point may violate; the exponents of these; and an array (columns,
     products + rows) with its right sides.
     """
-    whole, rhs = _centred(own, rounded)
+    whole, rhs = centred(own, rounded)
     if guarded.any():
-        values, error = _centred(guards, rounded)
+        values, error = centred(guards, rounded)
         _widened(rhs, values, error, guarded)
     for k in range(rhs.size):
         constant = whole[0, k]

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from contractors import Lifted
 from contractors.lifted import Directions, over_box
-from contractors.relaxation import CentredRows, Relaxation, Shift, Structure, column_bounds, product_rows
+from contractors.relaxation import CentredRows, Relaxation, Shift, Structure, centred, column_bounds, product_rows
 from cpcal.models import fit_model, leg_box, leg_network, model_residuals
 from cpcal.simulate import simulate
 from cpcal.solver.interval import Box, IntervalArray
@@ -46,7 +46,7 @@ def test_monomials_in_a_boxs_coordinates_lie_within_the_widening(degree: int, se
     center, radius = rng.normal(0, 100, 3), 10.0 ** rng.uniform(-8, 3, 3)
     each = IntervalArray.point(np.eye(len(monomials))[None])
     shift = Shift(monomials, 3)
-    matrix, widening = CentredRows.of(shift, each).on(shift.rounded(center, radius))
+    matrix, widening = centred(tuple(CentredRows.of(shift, each)), shift.rounded(center, radius))
     u = [Fraction(v) for v in rng.uniform(-1, 1, 3)]
     x = [Fraction(c) + Fraction(r) * v for c, r, v in zip(center, radius, u, strict=True)]
     for row, alpha in enumerate(monomials):

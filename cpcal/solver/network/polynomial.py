@@ -9,6 +9,7 @@ import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -152,7 +153,7 @@ class Expander:
             self._keep[node.digest] = ((lo != 0.0) | (hi != 0.0)).any(axis=(0, 2)) | constant
         keep = self._keep[node.digest]
         if not keep.all():
-            monomials = tuple(m for m, kept in zip(monomials, keep.tolist(), strict=True) if kept)
+            monomials = tuple(compress(monomials, keep.tolist()))
             lo, hi = lo.compress(keep, 1), hi.compress(keep, 1)
         return PolynomialArray(node.shape, monomials, (lo, hi), any(arg.reads for arg in args))
 
@@ -419,7 +420,7 @@ class PolynomialSystem(NamedTuple):
             coefficients=self.coefficients[:, rows],
             guarded=self.guarded[rows],
             guards=self.guards[:, rows],
-            origin=np.stack([constraint, np.searchsorted(elements, element)], axis=1),
+            origin=np.column_stack([constraint, np.searchsorted(elements, element)]),
             part=self.part[rows],
         )
 
@@ -478,7 +479,7 @@ def _system(network: ConstraintNetwork, rows: list[Expanded], leftover: list[tup
     origins, parts, before = [np.zeros((0, 2), np.intp)], [], Counter[int]()
     for (row, *_), count in zip(rows, counts.tolist(), strict=True):
         elements = np.arange(count) if row.elements is None else row.elements
-        origins.append(np.stack([np.full(count, row.constraint), elements], axis=1))
+        origins.append(np.column_stack([np.full(count, row.constraint), elements]))
         parts.append(before[row.constraint])
         before[row.constraint] += 1
     return PolynomialSystem(
