@@ -215,7 +215,8 @@ def _weighted_fit(
 
     def moved(at: ReadFrames, step: Floats) -> ReadFrames:
         free = model.free(at)
-        return model.moved(at, np.append(free @ step[: free.shape[1]], step[free.shape[1] :]))
+        frames, readings = np.split(step, [free.shape[1]])
+        return model.moved(at, np.append(free @ frames, readings))
 
     at = least_squares(residual, blocks, start, tolerance=1e-12, moved=moved, steps=_STEPS).at
     found, free = blocks(at), model.free(at)
@@ -301,15 +302,7 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
             "The data contradict the given values: least squares fits to "
             f"{nearest(with_given, 3)} px rms with them, to {nearest(rms, 3)} px without, with {others}."
         )
-    return ClassicalAnswer(
-        frames=at.frames,
-        readings=at.readings,
-        residuals=residuals.reshape(2, -1).T,
-        covariance=covariance,
-        rms=with_given,
-        remarks=tuple(remarks),
-        alone=single,
-    )
+    return ClassicalAnswer(*at, residuals.reshape(2, -1).T, covariance, with_given, tuple(remarks), single)
 
 
 def _within_given(study: HandEyeStudy, at: ReadFrames, covariance: Floats, alone: float) -> tuple[ReadFrames, Floats]:
@@ -443,18 +436,18 @@ def opencv_answers(study: HandEyeStudy, alone: ImagePoses) -> dict[str, Pose]:
         base = inverse(base)
     hand, board = inverse(base), (seen.rotation, seen.position)
     for name in (*_OF_HAND, *_OF_BOTH):
+        of_hand = name in _OF_HAND
+        method = getattr(cv2, f"CALIB_{'' if of_hand else 'ROBOT_WORLD_'}HAND_EYE_{name.upper()}")
         try:
-            if name in _OF_HAND:
-                method = getattr(cv2, f"CALIB_HAND_EYE_{name.upper()}")
+            if of_hand:
                 turn, place = cv2.calibrateHandEye(hand.rotation, hand.position, *board, method=method)
             else:
-                method = getattr(cv2, f"CALIB_ROBOT_WORLD_HAND_EYE_{name.upper()}")
                 turn, place = cv2.calibrateRobotWorldHandEye(*board, base.rotation, base.position, method=method)[2:]
         except cv2.error:
             continue
         if np.isfinite(turn).all() and np.isfinite(place).all():
             pose = Pose(place.ravel(), quaternion_from_matrix(turn))
-            found[name] = pose if name in _OF_HAND else inverse(pose)
+            found[name] = pose if of_hand else inverse(pose)
     return found
 
 
@@ -509,8 +502,7 @@ def _weak_directions(setup: Setup, frames: HandEyeFrames, covariance: Floats) ->
             far = f"to {nearest(along, 2)} mm" if along < _OPEN else "not at all"
             said.append(
                 f"The motions of the hand determine the place of the {name} along ({axis_text(axes[:, 2], 2)}) of the "
-                f"{frame} frame {far}, "
-                f"across it to {nearest(across, 2)} mm (one standard deviation, by least squares)."
+                f"{frame} frame {far}, across it to {nearest(across, 2)} mm (one standard deviation, by least squares)."
             )
     return said
 

@@ -469,12 +469,14 @@ def _lower_end(
     `least`: about the least error of the groups; `worst`: of uncertain poses that of the image that fits worst by
     itself, and its number.
     """
-    most, tried, found = eps_hi * (1.0 - 0.9 * gap), [], (0.0, _Refuted())
+    most, found = eps_hi * (1.0 - 0.9 * gap), (0.0, _Refuted())
     if wide is None:
         tried = [(share * least, groups) for share in _GROUP_SHARES]
-    elif eps_hi > _NOTHING and worst is None:
+    elif eps_hi <= _NOTHING:
+        tried = []
+    elif worst is None:
         tried = [(most * (1.0 - share), groups) for share in _SHARES]
-    elif eps_hi > _NOTHING and worst is not None:  # that image, then all together
+    else:  # that image, then all together
         least = min(most, worst[0])
         tried = [(least * (1.0 - share), [[worst[1]]]) for share in _NEAR]
         tried += [(least + share * (most - least), groups) for share in _BETWEEN if most > least * 1.001]
@@ -523,10 +525,10 @@ def _ranges(wide: Proof, point: PlacedFrames, hand: Sequence[F], at: Sequence[fl
     if at is None:  # w is where the target's centre was on average, in the hand or base frame
         away = float(point.frames.e_rotation[2] @ np.array(hand, float) + point.frames.e_translation[2])
         at = (0.0, 0.0, float(round(away)))
-    there = tuple(map(float, at))
+    x, y, z = map(float, at)
     box = exact(wide.left.lo), exact(wide.left.hi)
     low, high = map(tuple, parameter_ranges(*box, point.numbers))
-    known = KnownPoint((there[0], there[1], there[2]), *known_point(*box, hand, exact(there), point.numbers))
+    known = KnownPoint((x, y, z), *known_point(*box, hand, exact(at), point.numbers))
     lo, hi = (tuple(map(float, side)) for side in box)
     return FrameRanges(low, high, lo, hi, known, file)
 
