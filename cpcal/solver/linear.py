@@ -452,7 +452,7 @@ def _feasible(v: Vertex, objective: Floats, limit: int) -> int:
         y[k] = ratio
         along(v, k, growth)
         exchange(v, k, entering, alpha, growth, -_excess(v, entering) / alpha[k])
-        if v.counters[2] >= _REFACTOR and not refactored(v):
+        if v.counters[2] >= max(_REFACTOR, n) and not refactored(v):
             return FAILED
     return FAILED
 
@@ -461,17 +461,17 @@ def _feasible(v: Vertex, objective: Floats, limit: int) -> int:
 def _edge(v: Vertex, bland: bool) -> int:
     """The edge along which the objective falls most steeply, from the multipliers; -1 if it falls along none."""
     n = v.point.size
-    best, found = 0.0, -1
+    best, found, lengths = 0.0, -1, np.zeros(n)
+    for j in range(n):  # along contiguous memory
+        for k in range(n):
+            lengths[k] += v.inverse[j, k] * v.inverse[j, k]
     for k in range(n):
         y = v.multipliers[k]
         if y < -_DUAL:
             if bland:
                 return int(k)
-            length = 0.0
-            for j in range(n):
-                length += v.inverse[j, k] * v.inverse[j, k]
-            if y * y > best * length:
-                best, found = y * y / length, k
+            if y * y > best * lengths[k]:
+                best, found = y * y / lengths[k], k
     return int(found)
 
 
@@ -531,7 +531,7 @@ def _improved(v: Vertex, objective: Floats, limit: int) -> int:
         step = max(-_excess(v, entering), 0.0) / alpha[k]
         stalled = stalled + 1 if step > -1e-14 else 0
         exchange(v, k, entering, alpha, growth, step)
-        if v.counters[2] >= _REFACTOR and not refactored(v):
+        if v.counters[2] >= max(_REFACTOR, n) and not refactored(v):
             return FAILED
     return FAILED
 
