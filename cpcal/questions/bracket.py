@@ -140,8 +140,8 @@ class LegProver:
 class Answered(NamedTuple):
     """What was found, the name of its certificate, and the calls of the solver that led to it (method timeout).
 
-    `lost`: why there is no certificate, although something was proved that it could claim. `steps`: of the search, for
-    one that goes on in the box that this one left.
+    `lost`: why there is no certificate, although something was proved that it could claim. `steps`: of a search for
+    an enclosure, for one that goes on in the box that it left.
     """
 
     minimum: Minimum
@@ -221,7 +221,7 @@ def searched(
         if to_claim is None or recording is None or torn or (said := to_claim(found, domain)) is None:
             return Answered(found)
         name, lost = written(question, file or f"leg{leg.leg}", recording, said)
-        steps = tuple(recording.saved()) if recording.whole else ()
+        steps = tuple(recording.saved()) if to_claim is the_enclosure and recording.whole else ()
         return Answered(found, name, lost, steps=steps)
 
 
