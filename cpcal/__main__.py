@@ -21,6 +21,7 @@ def main() -> None:
         sys.stderr.write(f"cpcal: internal error, please report it with the command and its files ({what})\n")
         sys.exit(3)
     finally:
+        gc.freeze()  # to look through all modules once more, when Python ends, takes up to a tenth of a second
         # After a Ctrl-C within an exec (of dataclasses, say) Python ends by SIGINT, whatever the status: a new exec
         # makes it forget.
         exec("")

@@ -22,8 +22,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, dataclass_transform
 
 import typer
-from rich.console import Console
-from rich.text import Text
 from typer.models import OptionInfo
 
 from cpcal.common.errors import InputError, printable, refuse, unusable
@@ -34,6 +32,9 @@ from cpcal.solver.execution.executors import Place, executor_for
 from cpcal.solver.execution.stopping import asked, heard
 
 if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.text import Text
+
     from cpcal.solver.optimize.bound import Bracket
     from cpcal.solver.search.search import Event
 
@@ -180,13 +181,6 @@ STUDY, CAMPAIGN, VALIDATION, FITS, RUN, TIMEOUT = "study", "campaign", "validati
 # What a verb says: answers, and tables.
 
 
-class _Terminal(Console):
-    """Reads no markup in what it prints, and shows hidden characters as escapes: names forge no line."""
-
-    def render_str(self, text: str, **options: Any) -> Text:
-        return super().render_str(printable(text), **options)
-
-
 @options
 class Talk:
     """How much is said, and the consoles that follow."""
@@ -196,16 +190,23 @@ class Talk:
 
     def console(self, *, stderr: bool = True) -> Console:
         """Prints text as it is, but for hidden characters. Progress goes to stderr; errors are raised."""
-        console = _Terminal(stderr=stderr, quiet=self.quiet, markup=False, emoji=False, highlight=False)
+        from rich.console import Console  # here: a check begins before it is loaded
+
+        class Terminal(Console):
+            """Reads no markup in what it prints, and shows hidden characters as escapes: names forge no line."""
+
+            def render_str(self, text: str, **options: Any) -> Text:
+                return super().render_str(printable(text), **options)
+
+        console = Terminal(stderr=stderr, quiet=self.quiet, markup=False, emoji=False, highlight=False)
         if not console.is_terminal:
             console.width = 120
         return console
 
     def say(self, *lines: str | Text, style: str | None = None) -> None:
         """Lines of the answer."""
-        out = self.console(stderr=False)
-        for line in lines:
-            out.print(line, style=style, soft_wrap=True)
+        for line in () if self.quiet else lines:
+            self.console(stderr=False).print(line, style=style, soft_wrap=True)
 
     def table(self, head: Sequence[str], rows: Iterable[Sequence[str | Text]], left: Sequence[int] = (0,)) -> None:
         """A table; the columns `left` are text, the others numbers."""

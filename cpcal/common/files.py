@@ -8,7 +8,6 @@ import errno
 import importlib
 import os
 import re
-import secrets
 import shutil
 import stat
 from collections.abc import Collection, Iterator, Mapping
@@ -33,7 +32,7 @@ def unwritable(path: StrPath, error: OSError) -> InputError:
 
 def draft_name() -> str:
     """A hidden name that cannot be guessed."""
-    return f".{secrets.token_hex(12)}.draft"
+    return f".{os.urandom(12).hex()}.draft"
 
 
 @contextmanager

@@ -22,7 +22,6 @@ import hashlib
 import math
 import os
 import pickle
-import secrets
 import sys
 import time
 import warnings
@@ -292,7 +291,7 @@ def _machine_code(function: Function, link: Callable[[], None]) -> Any:
             # of what is linked in, an environment without objects serves nobody, and costs the import of its module
             content = serialize.dumps((library, *parts, tuple(one for one in environments if one.consts)))
             file = self._file(signature, made.codegen)
-            draft = file.with_name(f"{file.name}.{secrets.token_hex(8)}.draft")
+            draft = file.with_name(f"{file.name}.{os.urandom(8).hex()}.draft")
             try:
                 draft.write_bytes(self._digest(content) + content)
                 draft.replace(file)
