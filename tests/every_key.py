@@ -7,10 +7,10 @@ from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
-from cpcal.checker.hand_eye import HAND_EYE_NAME
+from cpcal.checker.files import ACCURACY_NAME, HAND_EYE_NAME
 from cpcal.common.codec import INFORMATION, layout_of
 from cpcal.questions import RESULT_NAME, Result
-from cpcal.questions.accuracy import ACCURACY_NAME, Accuracy
+from cpcal.questions.accuracy import Accuracy
 from cpcal.questions.hand_eye import HandEyeResult
 
 FILES = {RESULT_NAME: Result, ACCURACY_NAME: Accuracy, HAND_EYE_NAME: HandEyeResult}

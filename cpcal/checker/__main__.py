@@ -23,9 +23,9 @@ if not __package__:  # the folder was run, wherever it was copied: what lies bes
     __package__ = "checker"
 
 from .certificate import Accepted, check
-from .files import ACCURACY_NAME, POSE_SET_SUFFIX, STUDY_NAME, WORK
+from .files import HAND_EYE_NAME, KINDS, POSE_SET_SUFFIX, WORK
 from .readers import Refused, Unusable
-from .run import RESULT_NAME, RobustChecked, check_run
+from .run import RESULT_NAME, RobustChecked, check_kind, check_run
 
 PROVED, REFUSED, UNUSABLE, INTERNAL = 0, 1, 2, 3
 _NOT_JUDGED, _COMPUTES = "Not judged here:", "`cpcal verify` computes that"
@@ -68,19 +68,14 @@ def _statements(target: Path, campaign: Path | None, work: int) -> Iterator[tupl
             radii = "no pose" if one.radii is None else f"position and rotation +-{[-_down(-v) for v in one.radii]}"
             said = f"REFUSED: {one.refused}" if one.refused else f"PROVED: {radii}, {one.digest[:16]}"
             yield not one.refused, f"{one.name}: {said}"
-    elif (target / STUDY_NAME).is_file():
-        from .hand_eye import check_hand_eye
-
-        yield from check_hand_eye(target, work=work)
-        yield True, f"{_NOT_JUDGED} whether the centre of the box is the least-squares answer; {_COMPUTES}."
-    elif (target / ACCURACY_NAME).is_file():
-        from .platform import check_accuracy
-
-        yield from check_accuracy(target, work=work)
+    elif head := next((head for head in KINDS if (target / head).is_file()), ""):
+        yield from check_kind(target, head, work=work)
+        if head == HAND_EYE_NAME:
+            yield True, f"{_NOT_JUDGED} whether the centre of the box is the least-squares answer; {_COMPUTES}."
     elif not target.is_dir():
         yield True, f"PROVED: {stated(check(target, campaign, work=work or WORK))}"
     else:
-        found = (path.parent for name in (RESULT_NAME, STUDY_NAME) for path in target.glob(f"[!.]*/{name}"))
+        found = (path.parent for name in (RESULT_NAME, *KINDS) for path in target.glob(f"[!.]*/{name}"))
         inner = sorted(set(found))  # no draft of a run that was killed
         if (target / RESULT_NAME).exists() or not inner:
             yield from _legs(target, work)

@@ -13,7 +13,9 @@ _A_MEASUREMENT = 1_000  # more of a leg, for each measurement beyond
 A_FILE = 10_000  # at least
 POSE_SET_SUFFIX = ".pose.json"  # files of claims other than those of a run
 STUDY_NAME = "study.json"  # of hand-eye runs
-ACCURACY_NAME = "accuracy.json"
+HAND_EYE_NAME, ACCURACY_NAME = "handeye.json", "accuracy.json"
+# kinds of runs other than those of legs: by its head, the module and the function that say what is accepted of one
+KINDS = {HAND_EYE_NAME: ("hand_eye", "check_hand_eye"), ACCURACY_NAME: ("platform", "check_accuracy")}
 LONGEST_LINE, LARGEST_FILE = 4 << 20, 8 << 20  # bytes of a line, and of a file that is held in memory
 _MOST_VALUES = 3_000_000  # of such a file: 200 MB
 

@@ -15,7 +15,7 @@ from typing import Any
 from .bounds import Bounds, between, longest, matrix, number, numbers, skew
 from .bounds import rotation as enclosed_rotation
 from .certificate import FORMAT, Accepted, Certificates
-from .files import STUDY_NAME, WORK, Budget, Lines, content, parsed
+from .files import HAND_EYE_NAME, STUDY_NAME, WORK, Budget, Lines, content, parsed
 from .frames import (
     E_,
     GIVEN,
@@ -70,7 +70,7 @@ STUDY_FORMAT = "cpcal-study/1"
 _WORK = 2 * WORK  # of a run: its units take half as long as those of legs
 _POINTS, _POINT_WORK, _MOST_POINTS = 10_000, 2_000, 20_000  # of a run: more for each point beyond so many
 _ERRORS_WORK = 2_000  # of a point: what its lens and its errors at two pairs of frames cost
-HAND_EYE_NAME, HAND_EYE_FORMAT = "handeye.json", "cpcal-handeye-result/8"
+HAND_EYE_FORMAT = "cpcal-handeye-result/8"
 BEYOND = 1.1, 1.01  # of eps_hi: the tolerance of ranges that nobody asked for, and where that leaves a turn open
 _LENS = F(1, 10**7)  # px: how far a pixel and the image of its undistorted one may be apart
 _SETUPS = ("eye-in-hand", "eye-to-hand")

@@ -5,11 +5,12 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction as F
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from .certificate import Accepted, Certificates, problem_of
-from .files import WORK, Budget, Lines, content, leg_work, parsed
+from .files import KINDS, WORK, Budget, Lines, content, leg_work, parsed
 from .leg import EXTRA, NAME, PARAMETERS, ExactCampaign, check_model
 from .readers import (
     STRANGE,
@@ -64,6 +65,14 @@ def check_run(folder: Path, *, work: int = 0) -> list[LegChecked]:
     `work`: what the check may cost (0: `leg_work`); each leg has the same part, so that no leg depends on another.
     """
     return [check() for check in leg_checks(folder, work=work)]
+
+
+def check_kind(folder: Path, head: str, *, work: int = 0) -> list[tuple[bool, str]]:
+    """For each statement of a run of one of the other KINDS whether it is accepted, and a sentence; what checks it is
+    loaded for such a run only. Raises Unusable, Refused for the whole."""
+    module, name = KINDS[head]
+    found: list[tuple[bool, str]] = getattr(import_module(f".{module}", __package__), name)(folder, work=work)
+    return found
 
 
 def answer(checks: Iterable[Callable[[], object]], there: Any) -> None:

@@ -46,7 +46,7 @@ _AGAIN = {  # what to do about a run in which no leg is certified
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# A run of legs, and accuracy.
+# A run of legs.
 
 
 def of_run(run: Path, checked: Callable[[], list[LegChecked]], *, verbose: bool) -> Iterator[Statement]:
@@ -54,7 +54,7 @@ def of_run(run: Path, checked: Callable[[], list[LegChecked]], *, verbose: bool)
 
     Raises InputError, Refused.
     """
-    result, legs = _read(load_result, run), checked()
+    result, legs = read(load_result, run), checked()
     campaign = load_campaign_json(run, checked=True)
     for sentence in _stated_otherwise(campaign, result):
         yield False, f"{RESULT_NAME}: REFUSED, {sentence}"
@@ -88,7 +88,7 @@ def verdict_words(run: Path) -> str:
     return f"verdict: {every.word}{legs}" + f", not certified for leg {open_}" * bool(open_)
 
 
-def _read(load: Callable[[Path], Any], folder: Path) -> Any:
+def read(load: Callable[[Path], Any], folder: Path) -> Any:
     """Raises Refused: a file that is garbled states nothing."""
     try:
         return load(folder)
@@ -134,15 +134,6 @@ def _stated_otherwise(campaign: Campaign, result: Result) -> Iterator[str]:
             yield f"states other parameters of leg {leg.leg} as undetermined than the campaign leaves open"
         elif result.options.center == "nominal" and leg.bracket.center != tuple(campaign.robot.parameters[leg.leg - 1]):
             yield f"states another center of the box of leg {leg.leg} than the nominal parameters"
-
-
-def of_accuracy(folder: Path) -> Iterator[Statement]:
-    """What is accepted of a folder that `cpcal accuracy` wrote. Raises Refused, Unusable."""
-    from cpcal.checker.platform import check_accuracy  # the other kinds start sooner without
-    from cpcal.questions.accuracy import load_accuracy
-
-    _read(load_accuracy, folder)
-    yield from check_accuracy(folder)
 
 
 # ------------------------------------------------------------------------------------------------------------------

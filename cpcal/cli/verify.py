@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from cpcal.checker import Accepted, Refused, Unusable, check
-from cpcal.checker.files import POSE_SET_SUFFIX
-from cpcal.checker.run import RESULT_NAME, answer, certificates_of, leg_checks
+from cpcal.checker.files import KINDS, POSE_SET_SUFFIX
+from cpcal.checker.run import RESULT_NAME, answer, certificates_of, check_kind, leg_checks
 from cpcal.cli.claims import VACUOUS, NothingCertifiedError, Statement, told
 from cpcal.cli.verbs import Status, Talk, argument, option
 from cpcal.common.errors import unusable
@@ -54,7 +54,8 @@ def _beside(checks: Sequence[Callable[[], T]]) -> Iterator[Callable[[], list[T]]
             for k, _, pipe in begun:
                 with suppress(EOFError, OSError):
                     found[k::count] = pipe.recv()
-            return [one or check() for one, check in zip(found, checks, strict=True)]  # of a lost process, here
+            # of a lost process, here
+            return [check() if one is None else one for one, check in zip(found, checks, strict=True)]
 
         yield answers
     finally:
@@ -63,10 +64,23 @@ def _beside(checks: Sequence[Callable[[], T]]) -> Iterator[Callable[[], list[T]]
             process.join()
 
 
-def _center(run: Path) -> Statement:
+def _center(run: Path) -> list[Statement]:
     from cpcal.questions.hand_eye import verify_center  # where it is done
 
-    return verify_center(run)
+    return [verify_center(run)]
+
+
+def _accuracy(folder: Path) -> list[Statement]:
+    """Its file is one that cpcal reads, whatever in it nobody proves. Raises Refused."""
+    from cpcal.cli.verified import read
+    from cpcal.questions.accuracy import load_accuracy
+
+    read(load_accuracy, folder)
+    return []
+
+
+# with arrays, beside what the checker does
+_COMPUTED: dict[str, Callable[[Path], list[Statement]]] = {HANDEYE.head: _center, ACCURACY.head: _accuracy}
 
 
 def checked_certificates(folder: Path) -> dict[str, Accepted | str]:
@@ -95,7 +109,7 @@ def statements(target: Path, *, verbose: bool = False) -> Iterator[Statement]:
 
     Raises InputError where there is nothing.
     """
-    heads = [kind.head for kind in (RUN, ACCURACY, HANDEYE) if (target / kind.head).exists()]
+    heads = [head for head in (RUN.head, *KINDS) if (target / head).exists()]
     try:
         if target.name.endswith(POSE_SET_SUFFIX) or any(target.glob(f"*{POSE_SET_SUFFIX}")):
             from cpcal.cli.verified import of_pose_sets
@@ -103,17 +117,11 @@ def statements(target: Path, *, verbose: bool = False) -> Iterator[Statement]:
             yield from of_pose_sets(target)
         elif len(heads) > 1:
             raise Refused(f"{' and '.join(heads)} are the answers of two commands, which share no folder")
-        elif heads == [HANDEYE.head]:
-            with _beside([partial(_center, target)]) as least_squares:
-                from cpcal.checker.hand_eye import check_hand_eye
-
-                yield from check_hand_eye(target)
-                yield from least_squares()
-        elif heads == [ACCURACY.head]:
-            from cpcal.cli.verified import of_accuracy
-
-            yield from of_accuracy(target)
-        elif heads == [RUN.head]:
+        elif heads and heads != [RUN.head]:
+            with _beside([partial(_COMPUTED[head], target) for head in heads if head in _COMPUTED]) as computed:
+                yield from check_kind(target, heads[0])
+                yield from chain.from_iterable(computed())
+        elif heads:
             if unfinished(target):
                 yield True, "Another run into this folder is at work, or was killed: these are the answers before it."
             with _beside(leg_checks(target)) as legs:

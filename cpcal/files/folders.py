@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -398,12 +399,10 @@ def campaign_json(campaign: Campaign) -> bytes:
     return ("{" + ",\n ".join([*lines, f'"measurements": [\n  {table}\n ]']) + "}\n").encode()
 
 
+@lru_cache(maxsize=8)
 def campaign_sha256(campaign: Campaign) -> str:
-    """SHA-256 of the bytes of campaign.json, in hex; computed once for each campaign."""
-    kept = vars(campaign)
-    if "_sha256" not in kept:
-        kept["_sha256"] = hashlib.sha256(campaign_json(campaign)).hexdigest()
-    return str(kept["_sha256"])
+    """SHA-256 of the bytes of campaign.json, in hex."""
+    return hashlib.sha256(campaign_json(campaign)).hexdigest()
 
 
 def save_campaign_json(campaign: Campaign, folder: StrPath) -> Path:

@@ -14,6 +14,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from cpcal.calibration import fit, mean_rotations
+from cpcal.checker.files import ACCURACY_NAME
 from cpcal.checker.platform import COORDINATES, MOST_LEGS, Commanded, Leg, pose_bounds, stated
 from cpcal.common.codec import Document, Informed, checked
 from cpcal.common.errors import Problem, Problems, unusable
@@ -181,7 +182,6 @@ class Accuracy:
         return sorted((pose for pose in self.poses if pose.proved), key=lambda pose: -pose.position_bound)
 
 
-ACCURACY_NAME = "accuracy.json"
 _DOCUMENT = Document(Accuracy, ACCURACY_NAME, "cpcal-accuracy/12", "run cpcal accuracy again")
 save_accuracy, load_accuracy = _DOCUMENT.save, _DOCUMENT.load
 

@@ -13,11 +13,11 @@ from typing import Annotated
 import numpy as np
 
 from cpcal.checker.bounds import between, matrix
+from cpcal.checker.files import HAND_EYE_NAME
 from cpcal.checker.frames import GIVEN, R_F, R_X, SIZE, T_F, T_X, holds, rotation, unit
 from cpcal.checker.hand_eye import (
     BEYOND,
     HAND_EYE_FORMAT,
-    HAND_EYE_NAME,
     HandEyeCertificates,
     errors,
     known_point,

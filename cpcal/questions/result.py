@@ -15,7 +15,7 @@ from cpcal.common.codec import Document, Informed, checked
 from cpcal.common.errors import printable, refuse, unusable
 from cpcal.common.files import StrPath
 from cpcal.common.numbers import stated
-from cpcal.common.values import Names, Numbers, Places, Texts, all_finite
+from cpcal.common.values import Names, Numbers, Places, Texts, all_finite, fill
 from cpcal.files.folders import CAMPAIGN_NAME, campaign_sha256, save_campaign_json
 from cpcal.models import BUILT_IN, PARAMETERS, PLAIN, LegModel, Parameter, leg_model, model_name_problem
 from cpcal.robot import Campaign
@@ -110,7 +110,7 @@ class Options:
             except (TypeError, ValueError, OverflowError):
                 wrong.append((True, name, f"{value!r:.60} is not what this option takes", "see `cpcal certify --help`"))
                 value = getattr(Options, name, None)
-            object.__setattr__(self, name, value)
+            fill(self, **{name: value})
         timeout, beside = self.method == "timeout", self.eps is not None or self.method != "bound"
         least = "asks for the smallest eps, by branch and bound"
         forever = "is missing, and method timeout may go on for ever"

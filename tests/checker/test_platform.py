@@ -16,7 +16,7 @@ from cpcal.checker import Refused
 from cpcal.checker.platform import AboutCenter, Commanded, Leg, LegEquation, check_accuracy, pose_bounds
 from cpcal.files.folders import save_campaign_json
 from cpcal.models.platform import Cells, cell_bounds, centered
-from cpcal.questions.accuracy import ACCURACY_NAME, NamedPoses, certify_accuracy, load_accuracy, save_accuracy
+from cpcal.questions.accuracy import NamedPoses, certify_accuracy, load_accuracy, save_accuracy
 from cpcal.robot import (
     Pose,
     Robot,
@@ -75,9 +75,9 @@ def forged(run, tmp_path, change):
     """Why the checker refuses the run whose accuracy.json was changed."""
     folder = tmp_path / "forged"
     shutil.copytree(run[0], folder)
-    stated = json.loads((folder / ACCURACY_NAME).read_text())
+    stated = json.loads((folder / "accuracy.json").read_text())
     change(stated, folder)
-    (folder / ACCURACY_NAME).write_text(json.dumps(stated))
+    (folder / "accuracy.json").write_text(json.dumps(stated))
     with pytest.raises(Refused) as caught:
         check_accuracy(folder)
     return str(caught.value)
