@@ -19,9 +19,6 @@ from .bounds import Bounds, between, box_of, matrix, number, numbers
 from .bounds import rotation as enclosed_rotation
 from .polynomial import (
     Form,
-    Polynomial,
-    Spend,
-    Terms,
     applied,
     cross,
     dyadics,
@@ -32,10 +29,9 @@ from .polynomial import (
     product,
     rotation_rows,
     transposed,
-    unknown,
 )
 from .readers import Names, Places, Refused
-from .rule import Box, Problem
+from .rule import Box, ModelRows
 
 AXES = range(3)
 R_X, T_X, R_F, T_F, E_, F_ = range(9), range(9, 12), range(12, 21), range(21, 24), range(24, 27), range(27, 30)
@@ -100,9 +96,11 @@ def before_camera(
     return product(back, product(turn, f_turn)), plus(applied(back, plus(applied(turn, f), shift)), e)
 
 
-class Rows:
+class Rows(ModelRows):
     """The rows of a stage for some images of a study, at a tolerance eps; `hand`: w, `board`: c, `sets`: boxes (12) of
     the poses of images that are known, `frames`: the box where it begins."""
+
+    sides = SIDES
 
     def __init__(
         self, study: Study, stage: str, images: Sequence[int], eps: F, hand: Vector, board: Vector,
@@ -142,18 +140,14 @@ class Rows:
                 *pairs(SIDES[6:8], range(6)),
                 *pairs(tied[0], (12 * k + j for k in tied[1] for j in range(12))),
             ]
-        self._known = frozenset(self.tags)
 
-    def row(self, side: str, k: int) -> Terms:
-        """At most zero at every solution, times some number above zero. Raises Refused for one that is none."""
-        if (side, k) not in self._known:
-            raise Refused(f"there is no row {side} {k}")
+    def form(self, side: str, k: int) -> Form:
         kind, sign, limit = side[:-1], 1 if side[-1] == "+" else -1, F(0)
         if kind in "uv":
             axis, pose, p = "uv".index(kind), self.pose(self.study.image[k]), self._points[k]
             x, z = (inner(pose[3 * a : 3 * a + 3], p) + pose[9 + a] for a in (axis, 2))
             pixel: Form = x * (sign * self._focal[axis]) - z * (sign * self._off[2 * k + axis] + self._width[k])
-            return pixel.terms
+            return pixel
         if kind == "turn":
             part, k = divmod(k, EQUATIONS)
             found = turn_equations(self.first[part - 2] if part > 1 else (R_X, R_F)[part][0])[k]
@@ -169,7 +163,7 @@ class Rows:
         found = found * sign
         if limit:
             found = found * (1 << _FINE) - (limit * (1 << _FINE)).__ceil__()
-        return found.terms
+        return found
 
     def pose(self, image: int) -> list[Form]:
         """The board's turn (9) and place (3) before the camera: unknowns, or by the frames and times n; in units."""
@@ -233,11 +227,6 @@ class Rows:
             total += max(abs(sum(side)) for side in sums)
         return sum((w * w for w in widths[3:]), F(0)) / 2 * total
 
-    def problem(self, spend: Spend) -> Problem:
-        """For the kernel: its rows are polynomials in x."""
-        row = lru_cache(maxsize=2048)(lambda side, k: polynomial(self.row(side, k), spend))
-        return Problem.of_rows(self.size, self.count, SIDES, row)
-
     @property
     def root(self) -> Box:
         """Where a stage begins: the frames' box, or all poses of an image that frames in it allow."""
@@ -256,13 +245,6 @@ class Rows:
                 hi += [*study.widths[k][3:], *study.widths[k][:3]]
                 lo += [-v for v in hi[-6:]]
         return Box(tuple(lo), tuple(hi))
-
-
-def polynomial(terms: Terms, spend: Spend) -> Polynomial:
-    """With a largest coefficient of about one: a row may be divided by what is above zero."""
-    spend(500 + 20 * len(terms))
-    bits = max((c.bit_length() for c in terms.values()), default=0)
-    return Polynomial({sum(map(unknown, m)): c for m, c in terms.items()}, -bits, spend)
 
 
 # the box that was asked for -----------------------------------------------------------------------------------------

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import chain
 from typing import Any, NamedTuple
 
@@ -15,9 +16,11 @@ from .polynomial import (
     MOST_HELD,
     MOST_TERMS,
     READINGS,
+    Form,
     Numbers,
     Polynomial,
     Spend,
+    Terms,
     combined,
     constant,
     dyadics,
@@ -27,7 +30,7 @@ from .polynomial import (
     too_many,
     unknown,
 )
-from .readers import Fractions, Names, Places
+from .readers import Fractions, Names, Places, Refused
 
 # constraints with readings, and what they say in the coordinates of a box --------------------------------------------
 
@@ -193,14 +196,6 @@ class Problem:
     wrong: int = 0
     tag: Callable[[str, int], Any] = _none  # of a row, where some may be wrong; None: nothing spoils it
 
-    @staticmethod
-    def of_rows(unknowns: int, count: int, sides: Names, form: Callable[[str, int], Polynomial]) -> Problem:
-        """Of rows that a model forms, by side and number below `count`, as polynomials in so many unknowns."""
-        return Problem(
-            tuple(map(str, range(unknowns))), None, count, tuple(range(count)), lambda k, *_: k, sides=sides,
-            in_box=False, settled=lambda _, items, side: (form(side, k) for k in items),
-        )  # fmt: skip
-
     def row(self, x: Unknowns, side: str, k: int, signs: str) -> Polynomial:
         """In u, at most zero at every solution in the box: at the reference reading, less the penalties."""
         return next(self.rows(x, [(side, k, signs)]))[1]
@@ -228,6 +223,52 @@ class Problem:
     def fails(self, x: Unknowns, side: str, k: int, signs: str) -> bool:
         """Whether it is proved that it does not for any reading."""
         return least(self.row(x, side, k, signs), 0) > 0
+
+
+class ModelRows(ABC):
+    """Rows that a model derives: by side and number, polynomials in x, at most zero at every solution.
+
+    `tags`: all that there are; `size`: of unknowns; `count`: numbers are below it.
+    """
+
+    sides: Names
+    tags: Sequence[tuple[str, int]]
+    size: int
+    count: int
+
+    @abstractmethod
+    def form(self, side: str, k: int) -> Form:
+        """One of them, times some number above zero."""
+
+    def work(self, side: str, k: int) -> int:
+        """What it costs besides its terms."""
+        return 0
+
+    @cached_property
+    def _known(self) -> frozenset[tuple[str, int]]:
+        return frozenset(self.tags)
+
+    def row(self, side: str, k: int) -> Terms:
+        """Of `form`. Raises Refused for a row that there is not."""
+        if (side, k) not in self._known:
+            raise Refused(f"there is no row {side} {k}")
+        return self.form(side, k).terms
+
+    def problem(self, spend: Spend) -> Problem:
+        """For the rule: with a largest coefficient of about one, as a row may be divided by what is above zero."""
+
+        @lru_cache(maxsize=2048)
+        def polynomial(side: str, k: int) -> Polynomial:
+            spend(self.work(side, k))
+            terms = self.row(side, k)
+            spend(500 + 20 * len(terms))
+            bits = max((c.bit_length() for c in terms.values()), default=0)
+            return Polynomial({sum(map(unknown, m)): c for m, c in terms.items()}, -bits, spend)
+
+        return Problem(
+            tuple(map(str, range(self.size))), None, self.count, tuple(range(self.count)), lambda k, *_: k,
+            sides=self.sides, in_box=False, settled=lambda _, items, side: (polynomial(side, k) for k in items),
+        )  # fmt: skip
 
 
 Row = tuple[str, int, str]  # side, measurement, signs of the reference reading

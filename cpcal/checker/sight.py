@@ -12,7 +12,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction as F
-from functools import cache, lru_cache
+from functools import lru_cache
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -37,9 +37,9 @@ from .bounds import (
 )
 from .certificate import FORMAT, Certificates
 from .files import POSE_SET_SUFFIX, WORK, Budget, Lines, content, parsed
-from .frames import EQUATIONS, polynomial, turn_equations
+from .frames import EQUATIONS, turn_equations
 from .lens import NEAREST, Cameras
-from .polynomial import Form, Polynomial, Spend, Terms, applied, forms, inner, minus, plus, transposed
+from .polynomial import Form, applied, forms, inner, minus, plus, transposed
 from .polynomial import product as matrix_product
 from .readers import (
     STRANGE,
@@ -61,7 +61,7 @@ from .readers import (
     text,
     whole,
 )
-from .rule import Box, Problem
+from .rule import Box, ModelRows, Problem
 
 FARTHEST = number(1 << 20)  # mm
 AXES, TURN, PLACE = range(3), range(9), range(9, 12)
@@ -168,9 +168,11 @@ class _Seen:
     planes: tuple[tuple[Places, Places], ...]
 
 
-class Rows:
+class Rows(ModelRows):
     """The rows of some dots on a box of poses about a quaternion; `placed`: the bias of images' centres is bounded over
     that box, else over all poses."""
+
+    sides = SIDES
 
     def __init__(self, sight: Sight, dots: Sequence[int], turn: Sequence[F], root: Box, placed: bool) -> None:
         self.sight, self.dots, self.root, self.placed = sight, tuple(dots), root, placed
@@ -184,28 +186,26 @@ class Rows:
         self.count = max(EQUATIONS, len(sight.dots))
         ball = [(SIDES[7], 0)] if sight.cameras.size else []
         self.tags = [*((s, k) for k in dots for s in SIDES[:5]), *product(SIDES[5:7], range(EQUATIONS)), *ball]
-        self._known = frozenset(self.tags)
 
     def dot_of(self, side: str, k: int) -> int | None:
         """The dot that a row is of."""
         return k if side in SIDES[:5] else None
 
-    def row(self, side: str, k: int) -> Terms:
-        """At most zero at every solution, times some number above zero. Raises Refused for one that is none."""
-        if (side, k) not in self._known:
-            raise Refused(f"there is no row {side} {k}")
+    def work(self, side: str, k: int) -> int:
+        return 0 if side in SIDES[5:] or k in self._seen else _DOT_WORK + _CAMERA_WORK * self.sight.cameras.size
+
+    def form(self, side: str, k: int) -> Form:
         if side in SIDES[5:7]:
-            sign = 1 if side == SIDES[5] else -1
-            return (turn_equations(0)[k] * sign).terms
+            return turn_equations(0)[k] * (1 if side == SIDES[5] else -1)
         if side == SIDES[7]:
             ball: Form = inner(self._t, self._t) - 1
-            return ball.terms
+            return ball
         seen = self.seen(k)
         if side == SIDES[4]:
             off = inner(self.sight.dots[k].widths, sizes(self._held[2]))
             nearest: Bounds = number(NEAREST) * self.sight.radius - off - seen.off
-            return (seen.forms[2] * -1 + nearest.floor(_FORM)).terms
-        return self._plane(k, seen, *seen.planes[SIDES.index(side)]).terms
+            return seen.forms[2] * -1 + nearest.floor(_FORM)
+        return self._plane(k, seen, *seen.planes[SIDES.index(side)])
 
     def _plane(self, k: int, seen: _Seen, plane: Sequence[int], shared: Sequence[int]) -> Form:
         """g . X + Z k . t, less what it may be off: by rounding, and as the dot is off its place."""
@@ -257,17 +257,6 @@ class Rows:
             found.append(((*slope, above.floor(_PLANE)), tuple(shared)))
             found.append(((*(-s for s in slope), below.floor(_PLANE)), tuple(-b for b in shared)))
         return tuple(found)
-
-    def problem(self, spend: Spend) -> Problem:
-        """For the kernel: its rows are polynomials in x."""
-
-        @cache
-        def form(side: str, k: int) -> Polynomial:
-            if side in SIDES[:5] and k not in self._seen:
-                spend(_DOT_WORK + _CAMERA_WORK * self.sight.cameras.size)
-            return polynomial(self.row(side, k), spend)
-
-        return Problem.of_rows(self.size, self.count, SIDES, form)
 
     def fails(self, k: int) -> bool:
         """Whether a dot is outside of its box of pixels for every pose of the box."""

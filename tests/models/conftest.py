@@ -1,5 +1,4 @@
-"""Runs are verified many times, each with something else edited: what was accepted of the same bytes is not judged
-again."""
+"""Runs are verified many times, each edited: what was accepted of the same bytes is not judged again."""
 
 import json
 import re
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cpcal.checker import Refused
 from cpcal.checker.hand_eye import HandEyeCertificates, check_hand_eye
 from cpcal.common.values import Floats
 from cpcal.models.hand_eye import CAMERA, HandEyeFrames, HandEyeStudy, study_json, study_of_board
@@ -76,9 +76,10 @@ def judged_once() -> Iterator[None]:
     def remembered(self: HandEyeCertificates, name: Any) -> Any:
         key = repr((name, self.digest, bytes_of(self.folder, name)))
         if key not in claims:
-            before = set(self.known)
+            held, self.known = self.known, {file: one for file, one in self.known.items() if isinstance(one, Refused)}
             accepted(self, name)
-            claims[key] = {file: known for file, known in self.known.items() if file == name or file not in before}
+            claims[key] = {file: one for file, one in self.known.items() if not isinstance(one, Refused)}
+            self.known = held | self.known
         self.known.update(claims[key])
         return self.known[name]
 

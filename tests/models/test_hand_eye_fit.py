@@ -65,8 +65,7 @@ def test_of_a_cart_on_a_floor_all_is_found_but_the_height_whose_error_is_said(ti
 @pytest.mark.parametrize("uncertain", [False, True])
 @pytest.mark.parametrize("seed", range(3))
 def test_known_positions_and_tilts_are_heeded_by_both_fits_and_nothing_near_is_better(seed, uncertain, off):
-    """Two of them or more, up to all eight, at the truth or `off` mm or degrees beside it; a cart leaves heights to
-    them."""
+    """Two or more, up to all eight, at the truth or `off` mm or degrees beside it; a cart leaves heights to them."""
     random = np.random.default_rng(seed)
     simulated = SimulatedHandEye(*cart(seed, images=6)) if seed else simulate_hand_eye(images=6, seed=seed)
     study, true = simulated.study, places(simulated.truth)[0]

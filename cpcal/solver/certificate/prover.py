@@ -16,13 +16,13 @@ from fractions import Fraction as F
 from functools import partial
 from operator import itemgetter, le
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from cpcal.checker import Refused
 from cpcal.checker.rule import Box as ExactBox
-from cpcal.checker.rule import Row, Rule, Weights
+from cpcal.checker.rule import ModelRows, Row, Rule, Weights
 from cpcal.common.files import replacing
 from cpcal.common.values import Bools, Floats, floats
 from cpcal.solver.certificate.exact_network import Statement, exact_box, free, limits, number
@@ -32,9 +32,6 @@ from cpcal.solver.interval import Box
 from cpcal.solver.interval.numbers import round_down, round_up
 from cpcal.solver.linear import Dense, LinearSolution, LinearStatus
 from cpcal.solver.search.passes import Proof
-
-if TYPE_CHECKING:
-    from cpcal.checker import frames, sight
 
 T = TypeVar("T")
 Claims = dict[str, Any]  # line of a certificate
@@ -297,7 +294,7 @@ class System:
     """
 
     def __init__(
-        self, rows: frames.Rows | sight.Rows, lifted: Callable[[int, int], bool], asked: Sequence[int],
+        self, rows: ModelRows, lifted: Callable[[int, int], bool], asked: Sequence[int],
         turns: Sequence[int], derived: Sequence[int] = (), without: Sequence[int] = (), *,
         wrong: int = 0, owner: Callable[[str, int], int | None] = lambda side, k: None,
     ) -> None:  # fmt: skip
