@@ -41,6 +41,7 @@ class Question(NamedTuple):
     certificates  of the leg at work, by the names of their files; None: none are asked for
     checkpoints   where its search is kept meanwhile
     place         where boxes of a search are decided; None: here
+    centers       of the boxes of legs, where they are known
     """
 
     campaign: Campaign
@@ -50,6 +51,7 @@ class Question(NamedTuple):
     progress: Progress | None = None
     checkpoints: Checkpoints | None = None
     place: Place | None = None
+    centers: Mapping[int, Floats] | None = None
 
     @property
     def legs(self) -> Sequence[int]:
@@ -74,6 +76,8 @@ class Question(NamedTuple):
 
     def center(self, leg: int) -> Floats:
         """All parameters of the model (n,); the extra ones are 0 but in the model's own fit."""
+        if self.centers and leg in self.centers:
+            return self.centers[leg]
         if self.options.center == "fit":
             return fit_model(self.campaign, leg, self.model)
         plain = self.options.center == "plain"
@@ -106,16 +110,16 @@ def question_of(campaign: Campaign, *, progress: Progress | None = None, **given
     plugins.check_names(options.contractors)
     question = Question(campaign=campaign, options=options, model=model, progress=progress)
     asked = {what: error for what in ("eps", "tolerance") if (error := getattr(options, what)) is not None}
-    longest = {leg: float(question.center(leg)[6]) + options.delta for leg in question.legs} if asked else {}
+    centers = {leg: question.center(leg) for leg in question.legs} if asked else {}
     beyond = [
         problem
         for what, error in asked.items()
-        for leg, offset in longest.items()
-        for problem in beyond_legs(campaign, leg, offset, error, what)
+        for leg, center in centers.items()
+        for problem in beyond_legs(campaign, leg, float(center[6]) + options.delta, error, what)
     ]
     if beyond:
         raise InputError(beyond)
-    return question
+    return question._replace(centers=centers)
 
 
 def chosen_model(

@@ -116,7 +116,8 @@ class _Leg:
         """A local minimiser of E in the leg's box, for which `lo` is proved: so its E is not below `lo`."""
         box = self._network.domain.replace("eps", lo=0.0, hi=np.inf)
         inside = np.clip(self.plain, box.lo[:-1], box.hi[:-1])
-        found = fit_of_many(self._network, self._rows, len(inside), np.append(inside, 0.0), box).point[:-1]
+        start = np.append(inside, self._network.domain["eps"].lo)  # where the search has begun, too
+        found = fit_of_many(self._network, self._rows, len(inside), start, box).point[:-1]
         return np.clip(found, box.lo[:-1], box.hi[:-1])
 
     def within(self, tolerance: float) -> Floats:

@@ -293,16 +293,15 @@ def total_slopes(p: Program, x: Floats) -> Floats:
 def slopes(p: Program, reach: Reach, slots: Floats, out: Floats) -> None:
     """About the derivatives of every root by its leaves at B points, whose values `near` has put into the slots (B, M).
 
-    `out` (B, leaves of all roots), in the order of `Reach`. What is not defined, as the derivative of a norm at zero,
-    is 0.
+    `out` (B, K, leaves), zeros, may leave out the last leaves. What is not defined, as the derivative of a norm at
+    zero, is 0.
     """
     factors, g = np.empty((len(p.code), 2)), np.zeros(p.first + len(p.code))
     for row in range(len(slots)):
-        x, found = slots[row], out[row]
+        x = slots[row]
         for k in range(len(p.code)):
             z, a, b = x[p.first + k], x[p.arg[k, 0]], x[p.arg[k, 1]]
             factors[k, 0], factors[k, 1] = near_partials(p.code[k], p.par[k], z, a, b)
-        place = 0
         for r in range(len(p.roots)):
             g[p.roots[r]] = 1.0
             for e in range(reach.start[r], reach.start[r + 1]):
@@ -310,8 +309,8 @@ def slopes(p: Program, reach: Reach, slots: Floats, out: Floats) -> None:
                 slope = g[k]
                 g[k] = 0.0
                 if k < p.first:
-                    found[place] = slope if math.isfinite(slope) else 0.0
-                    place += 1
+                    if k < out.shape[2] and math.isfinite(slope):
+                        out[row, r, k] = slope
                 elif slope != 0.0:
                     i, j = p.arg[k - p.first, 0], p.arg[k - p.first, 1]
                     if not is_constant(p, i):

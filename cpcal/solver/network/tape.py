@@ -85,16 +85,10 @@ class Tape:
         sweeps.near(p, slots)
         return slots
 
-    def slopes(self, slots: Floats) -> Floats:
-        """About the derivatives (B, leaves) of all roots' elements at points whose slots `near` gives."""
-        out = np.empty((len(slots), len(self.reach.leaf)))
-        sweeps.slopes(self.program, self.reach, slots, out)
-        return out
-
     def near_jacobians(self, slots: Floats) -> Floats:
-        """The same by the box's components: (B, K, n)."""
-        out, of_box = np.zeros((len(slots), self.count, self.size)), self.reach.leaf < self.size
-        out[:, self.reach.row[of_box], self.reach.leaf[of_box]] = self.slopes(slots)[:, of_box]
+        """About the derivatives (B, K, n) of all roots' elements by the box's components where `near` gives slots."""
+        out = np.zeros((len(slots), self.count, self.size))
+        sweeps.slopes(self.program, self.reach, slots, out)
         return out
 
     def value(self, slots: IntervalArray, root: Expr) -> IntervalArray:
