@@ -24,8 +24,8 @@ if not __package__:  # the folder was run, wherever it was copied: what lies bes
 
 from .certificate import Accepted, check
 from .files import HAND_EYE_NAME, KINDS, POSE_SET_SUFFIX, WORK
-from .readers import Refused, Unusable
-from .run import RESULT_NAME, RobustChecked, check_kind, check_run
+from .readers import Refused, Unusable, shown
+from .run import RESULT_NAME, RobustChecked, check_kind, check_run, head_of
 
 PROVED, REFUSED, UNUSABLE, INTERNAL = 0, 1, 2, 3
 _NOT_JUDGED, _COMPUTES = "Not judged here:", "`cpcal verify` computes that"
@@ -68,7 +68,9 @@ def _statements(target: Path, campaign: Path | None, work: int) -> Iterator[tupl
             radii = "no pose" if one.radii is None else f"position and rotation +-{[-_down(-v) for v in one.radii]}"
             said = f"REFUSED: {one.refused}" if one.refused else f"PROVED: {radii}, {one.digest[:16]}"
             yield not one.refused, f"{one.name}: {said}"
-    elif head := next((head for head in KINDS if (target / head).is_file()), ""):
+    elif (head := head_of(target)) == RESULT_NAME:
+        yield from _legs(target, work)
+    elif head:
         yield from check_kind(target, head, work=work)
         if head == HAND_EYE_NAME:
             yield True, f"{_NOT_JUDGED} whether the centre of the box is the least-squares answer; {_COMPUTES}."
@@ -77,9 +79,8 @@ def _statements(target: Path, campaign: Path | None, work: int) -> Iterator[tupl
     else:
         found = (path.parent for name in (RESULT_NAME, *KINDS) for path in target.glob(f"[!.]*/{name}"))
         inner = sorted(set(found))  # no draft of a run that was killed
-        if (target / RESULT_NAME).exists() or not inner:
-            yield from _legs(target, work)
-            return
+        if not inner:
+            raise Unusable(f"{shown(target.name)} holds no run")
         for run in inner:
             yield True, f"{run.name}:"
             try:

@@ -17,19 +17,7 @@ from typing import Any
 
 from .bounds import Bounds, between, box_of, matrix, number, numbers
 from .bounds import rotation as enclosed_rotation
-from .polynomial import (
-    Form,
-    applied,
-    cross,
-    dyadics,
-    forms,
-    inner,
-    minus,
-    plus,
-    product,
-    rotation_rows,
-    transposed,
-)
+from .polynomial import Form, applied, cross, dyadics, forms, inner, minus, plus, product, rotation_rows, transposed
 from .readers import Names, Places, Refused
 from .rule import Box, ModelRows
 

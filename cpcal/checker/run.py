@@ -67,6 +67,14 @@ def check_run(folder: Path, *, work: int = 0) -> list[LegChecked]:
     return [check() for check in leg_checks(folder, work=work)]
 
 
+def head_of(folder: Path) -> str:
+    """The results that a folder holds; "" where there are none. Raises Refused for those of two commands."""
+    heads = [head for head in (RESULT_NAME, *KINDS) if (folder / head).exists()]
+    if len(heads) > 1:
+        raise Refused(f"{' and '.join(heads)} are the answers of two commands, which share no folder", "run", 0)
+    return heads[0] if heads else ""
+
+
 def check_kind(folder: Path, head: str, *, work: int = 0) -> list[tuple[bool, str]]:
     """For each statement of a run of one of the other KINDS whether it is accepted, and a sentence; what checks it is
     loaded for such a run only. Raises Unusable, Refused for the whole."""

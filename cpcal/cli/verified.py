@@ -21,14 +21,7 @@ from cpcal.common.numbers import about, at_least, at_most
 from cpcal.common.values import Json
 from cpcal.files import load_campaign_json
 from cpcal.models import leg_model
-from cpcal.questions import (
-    INFORMATION,
-    RESULT_NAME,
-    Result,
-    Uncertified,
-    load_result,
-    verdict_of,
-)
+from cpcal.questions import INFORMATION, RESULT_NAME, Result, Uncertified, load_result, verdict_of
 from cpcal.questions.data_check import determination
 from cpcal.report.words import notices, overall
 from cpcal.robot import Campaign

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 from cpcal.checker import Accepted, Refused, Unusable, check
 from cpcal.checker.files import KINDS, POSE_SET_SUFFIX
-from cpcal.checker.run import RESULT_NAME, answer, certificates_of, check_kind, leg_checks
+from cpcal.checker.run import RESULT_NAME, answer, certificates_of, check_kind, head_of, leg_checks
 from cpcal.cli.claims import VACUOUS, NothingCertifiedError, Statement, told
 from cpcal.cli.verbs import Status, Talk, argument, option
 from cpcal.common.errors import unusable
@@ -109,19 +109,17 @@ def statements(target: Path, *, verbose: bool = False) -> Iterator[Statement]:
 
     Raises InputError where there is nothing.
     """
-    heads = [head for head in (RUN.head, *KINDS) if (target / head).exists()]
+    head = ""
     try:
         if target.name.endswith(POSE_SET_SUFFIX) or any(target.glob(f"*{POSE_SET_SUFFIX}")):
             from cpcal.cli.verified import of_pose_sets
 
             yield from of_pose_sets(target)
-        elif len(heads) > 1:
-            raise Refused(f"{' and '.join(heads)} are the answers of two commands, which share no folder")
-        elif heads and heads != [RUN.head]:
-            with _beside([partial(_COMPUTED[head], target) for head in heads if head in _COMPUTED]) as computed:
-                yield from check_kind(target, heads[0])
+        elif (head := head_of(target)) in KINDS:
+            with _beside([partial(_COMPUTED[head], target)] if head in _COMPUTED else []) as computed:
+                yield from check_kind(target, head)
                 yield from chain.from_iterable(computed())
-        elif heads:
+        elif head:
             if unfinished(target):
                 yield True, "Another run into this folder is at work, or was killed: these are the answers before it."
             with _beside(leg_checks(target)) as legs:
@@ -143,7 +141,7 @@ def statements(target: Path, *, verbose: bool = False) -> Iterator[Statement]:
             for name, accepted in checked_certificates(target).items():
                 yield told(name, accepted)
     except Refused as reason:
-        name = heads[0] if len(heads) == 1 else target.name
+        name = head or target.name
         yield False, f"{name}: REFUSED, {str(reason).removeprefix(f'{name} ')}"
     except Unusable as reason:
         raise unusable(str(target), str(reason), _NAME) from None

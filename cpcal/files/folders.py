@@ -7,7 +7,6 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -399,10 +398,11 @@ def campaign_json(campaign: Campaign) -> bytes:
     return ("{" + ",\n ".join([*lines, f'"measurements": [\n  {table}\n ]']) + "}\n").encode()
 
 
-@lru_cache(maxsize=8)
 def campaign_sha256(campaign: Campaign) -> str:
-    """SHA-256 of the bytes of campaign.json, in hex."""
-    return hashlib.sha256(campaign_json(campaign)).hexdigest()
+    """SHA-256 of the bytes of campaign.json, in hex; computed once for each campaign."""
+    if not campaign.digest:
+        fill(campaign, digest=hashlib.sha256(campaign_json(campaign)).hexdigest())
+    return campaign.digest
 
 
 def save_campaign_json(campaign: Campaign, folder: StrPath) -> Path:

@@ -24,14 +24,7 @@ from cpcal.questions.bracket import (
 from cpcal.questions.data_check import determination
 from cpcal.questions.question import Question
 from cpcal.questions.recommended import conformity
-from cpcal.questions.result import (
-    LegBracket,
-    LegResult,
-    Options,
-    Ranges,
-    Uncertified,
-    Work,
-)
+from cpcal.questions.result import LegBracket, LegResult, Options, Ranges, Uncertified, Work
 from cpcal.solver.certificate.prover import Claims
 from cpcal.solver.certificate.recording import Recording, claims_of
 from cpcal.solver.contract import Limits, Verdict

@@ -13,16 +13,7 @@ from cpcal.common.errors import InputError, Problems, refuse
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
-from cpcal.models import (
-    PLAIN,
-    LegModel,
-    beyond_legs,
-    built_in,
-    fit_model,
-    leg_box,
-    leg_model,
-    leg_network,
-)
+from cpcal.models import PLAIN, LegModel, beyond_legs, built_in, fit_model, leg_box, leg_model, leg_network
 from cpcal.questions.result import Options
 from cpcal.robot import Campaign
 from cpcal.solver import plugins

@@ -188,6 +188,7 @@ class Campaign(Readings):
     model: ModelChoice | None = None
     # names and SHA-256 of the files that it was read from; set by the readers, not carried over by replace()
     files: tuple[tuple[str, str], ...] = field(default=(), init=False, compare=False)
+    digest: str = field(default="", init=False, compare=False)  # SHA-256 of campaign.json, once that was asked for
 
     def __post_init__(self) -> None:
         freeze(self, *ARRAYS)

@@ -13,11 +13,7 @@ import numpy as np
 from cpcal.common.errors import YOUR_DATA, Problems, refuse, shown, unusable
 from cpcal.common.files import NAME_MAX
 from cpcal.common.values import ArrayLike, Floats, Names, Texts, Value, as_floats, fill, frozen_mapping, norms
-from cpcal.robot.kinematics import (
-    normalised,
-    quaternion_from_matrix,
-    quaternion_from_rotation_vector,
-)
+from cpcal.robot.kinematics import normalised, quaternion_from_matrix, quaternion_from_rotation_vector
 
 LENGTHS = {"mm": Decimal(1), "cm": Decimal(10), "m": Decimal(1000), "um": Decimal("0.001"), "in": Decimal("25.4")}
 NAMES = {"mm": "millimetres", "cm": "centimetres", "m": "metres", "um": "micrometres", "in": "inches"}

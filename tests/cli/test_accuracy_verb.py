@@ -52,6 +52,13 @@ def test_the_first_line_is_what_is_assumed_and_what_is_proved_holds_the_truth_an
     assert "accuracy.json: REFUSED, states another delta than is proved" in done("verify", out, status=1)
 
 
+def test_the_answers_of_two_commands_in_one_folder_are_refused_by_both_doors(folder, tmp_path):
+    both = shutil.copytree(folder / "run", tmp_path / "both")
+    (both / "accuracy.json").write_text("{}")
+    assert main([str(both)]) == 1
+    assert "result.json and accuracy.json are the answers of two commands" in done("verify", both, status=1)
+
+
 def test_half_a_workspace_and_a_run_that_is_not_one_are_refused(folder, tmp_path):
     refused("accuracy", tmp_path, "-o", tmp_path / "o", "--workspace", "x=0,y=0,z=400")
     assert "lacks z" in refused(*asked(folder, "--workspace", "x=0,y=0", "--assume", "much"))

@@ -66,8 +66,7 @@ def test_from_images_to_a_study_that_can_be_calibrated(shots):
     rows = (shots / "poses-calibration.csv").read_text(encoding="utf-8").splitlines()
     assert len(rows) > 22
     assert not any(row["reason"] for row in csv.DictReader(rows))
-    study = load_study(shots)
-    assert len(study.calibration) == 22
+    assert len(load_study(shots).calibration) == 22
     again = detect(shots, "calibration")
     assert "Poses in 22 of 22 images (0 measured now)" in again.stdout
     page = shots / "poses-calibration.csv.html"

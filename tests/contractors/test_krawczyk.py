@@ -179,8 +179,7 @@ def test_a_false_range_is_tolerated(wrong: int) -> None:
     net = ranging(wrong)
     assert Repeat(HC4(net)).contract(net.domain).box.is_empty  # all together they contradict each other
     assert Repeat(qinter(net, q=0)).contract(net.domain).box.is_empty
-    box = Repeat(qinter(net, q=1)).contract(net.domain).box
-    assert TRUTH in box
+    assert TRUTH in Repeat(qinter(net, q=1)).contract(net.domain).box
     paving = net.solve(width=0.2, contractors=[qinter(net, q=1)])
     assert paving.complete
     assert len(paving.clusters) == 1

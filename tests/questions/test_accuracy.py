@@ -109,8 +109,7 @@ def test_what_is_suggested_is_more_than_the_residuals_and_rises_with_lengths_far
 
 
 def test_what_is_asked_by_default_is_measured_or_needs_no_readings_beyond_and_u_holds_for_it(known, result):
-    named = measured_poses(known.campaign)
-    assert named.names == known.campaign.pose
+    assert measured_poses(known.campaign).names == known.campaign.pose
     assert not distance_from_measured(known.campaign, known.campaign.length).any()
     space, said = proposed_workspace(known.campaign, known.controller, ())
     assert "% of the measured positions' range" in said

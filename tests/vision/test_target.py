@@ -73,13 +73,7 @@ format = "cpcal-target/2"
 name = "five"
 bright = false
 radius = 2.5
-dots = [
-    [0, 0],
-    [10, 10],
-    [30, 30.0],
-    [45, 45],
-    [0, 20],
-]
+dots = [[0, 0], [10, 10], [30, 30.0], [45, 45], [0, 20]]
 
 [provenance]
 printed = "by hand"
@@ -125,7 +119,7 @@ def test_every_problem_is_said_at_once_with_its_line(tmp_path):
     text = TOML.replace('"five"', "5").replace("false", '"no"').replace("2.5", "-2.5")
     text = text.replace("[10, 10]", "[10, nan]").replace("[30, 30.0]", "[30]").replace("printed", "[unknown]\nprinted")
     assert refused(load_target, tmp_path / "target.toml", text) == [
-        (16, "unknown key 'unknown'"),
+        (10, "unknown key 'unknown'"),
         (4, "name is 5, not text"),
         (6, "radius is -2.5"),
         (7, "row 1 of dots holds nan"),
