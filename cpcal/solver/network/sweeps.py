@@ -187,9 +187,9 @@ def needed(p: Program) -> Bools:
             out[root - p.first] = True
     for k in range(len(p.arg) - 1, -1, -1):
         if out[k]:
-            for a in p.arg[k]:
-                if a >= p.first:
-                    out[a - p.first] = True
+            for side in range(2):
+                if p.arg[k, side] >= p.first:
+                    out[p.arg[k, side] - p.first] = True
     return out
 
 

@@ -180,16 +180,19 @@ class _Writer:
         data = [leaf.data for leaf in (*constants, *self.readings)]
         bounds = ([values.lo for values in data], [values.hi for values in data])
         self.leaves = IntervalArray(*(np.concatenate([np.zeros(0), *map(np.ravel, side)]) for side in bounds))
-        self._blocks = [np.zeros((0, 4), np.int32)]  # code, two arguments, exponent
-        self._single: list[tuple[int, int, int, int]] = []  # operations after them
+        self._args = [np.zeros((0, 2), np.int32)]
+        self._single: list[tuple[int, int]] = []  # arguments of single operations after them
+        self._kinds: list[tuple[int, int, int]] = []  # code, exponent, how many operations
         for node in nodes:
             if node.args:
                 self.slots[node.digest] = self._written(node, [self.slots[arg.digest] for arg in node.args])
 
     def table(self) -> tuple[Places, Places, Places]:
+        """Codes, arguments and exponents."""
         self._gather()
-        rows = np.concatenate(self._blocks)
-        return rows[:, 0].copy(), rows[:, 1:3].copy(), rows[:, 3].copy()
+        kinds = np.array(self._kinds, np.int32).reshape(-1, 3)
+        code, exponent = np.repeat(kinds[:, :2], kinds[:, 2], axis=0).T.copy()
+        return code, np.concatenate(self._args), exponent
 
     def _placed(self, leaves: Iterable[Expr]) -> int:
         """Slots for the elements of some leaves; the slot after them."""
@@ -219,17 +222,18 @@ class _Writer:
         shape = args[0].shape
         size, start = math.prod(shape), self._next
         self._next += size
+        self._kinds.append((code, parameter, size))
         if size == 1:
-            self._single.append((code, args[0].item(), args[-1].item(), parameter))
+            self._single.append((args[0].item(), args[-1].item()))
             return np.full(shape, start, np.int32)
         self._gather()
-        block = np.empty((size, 4), np.int32)
-        block[:, 0], block[:, 1], block[:, 2], block[:, 3] = code, args[0].ravel(), args[-1].ravel(), parameter
-        self._blocks.append(block)
+        block = np.empty((size, 2), np.int32)
+        block[:, 0], block[:, 1] = args[0].ravel(), args[-1].ravel()
+        self._args.append(block)
         return np.arange(start, start + size, dtype=np.int32).reshape(shape)
 
     def _gather(self) -> None:
         """Single operations as a block."""
         if self._single:
-            self._blocks.append(np.array(self._single, np.int32))
+            self._args.append(np.array(self._single, np.int32))
             self._single = []
