@@ -158,7 +158,7 @@ def _leg(header: Json, lines: Lines, certificate: Path, given: Path | ExactCampa
     if len(forms) > _MOST_FORMS or any(v >= 7 for form in forms for m, _ in form for v in m):
         raise Refused(f"there are at most {_MOST_FORMS} forms, in the first seven unknowns")
     stated = [polynomial(form, lines.spend) for form in forms]
-    exact = (lambda rows: campaign.poses(rows, leg)) if campaign.exact else None
+    exact = partial(campaign.unmet, leg) if campaign.exact else None
     problem = leg_problem(lambda k: campaign.measurement(k, leg), count, model, only, stated, exact)
     root = _box(lo, hi, len(problem.unknowns) - len(forms))
     if root.lo[-1] < 0:

@@ -186,10 +186,11 @@ def leg_problem(
     model: str,
     only: tuple[int, ...] | None,
     forms: Sequence[Polynomial] = (),
-    exact: Callable[[Iterable[int]], Iterator[Exact]] | None = None,
+    exact: Callable[[At, list[int]], list[int]] | None = None,
 ) -> Problem:
     """`count` measurements of a leg, or `only` those. The `forms`, polynomials in its unknowns, are unknowns too; that
-    each is equal to its polynomial is a constraint beyond the measurements. `exact`: these where all are exact."""
+    each is equal to its polynomial is a constraint beyond the measurements. `exact`: where all are exact, those of
+    some that a point does not satisfy."""
     names, known = (*PARAMETERS, *EXTRA[model], "eps"), lru_cache(_KEPT)(rows)
     n, nothing = len(names), [Polynomial({}, 0, form.spend) for form in forms[:1]]
     stated = [
@@ -203,9 +204,9 @@ def leg_problem(
     def at(x: Unknowns, points: Sequence[tuple[int, str]], factor: F | None) -> int | None:
         point, places = At(x.first(n), model, factor), [k for k, _ in points if k < count]
         if exact is not None:
-            wrong = point.unmet(exact(places))
+            wrong = exact(point, places)
         else:
-            wrong = (k for k, signs in points[: len(places)] if not point.holds(known(k), signs))
+            wrong = [k for k, signs in points[: len(places)] if not point.holds(known(k), signs)]
         of_forms = (k for k, _ in points[len(places) :] if not stated[k - count].on(x.images).held)
         return next(chain(wrong, of_forms), None)
 
@@ -249,9 +250,6 @@ class Pose(NamedTuple):
         return Pose(p, n, (*parts, n << 2 * p, *(v << 2 * p for row in turn for v in row)))
 
 
-Exact = tuple[int, Pose, float]  # a measurement whose reading is exact
-
-
 class At:
     """A point, of which it is proved measurement by measurement that it satisfies them.
 
@@ -260,7 +258,7 @@ class At:
     """
 
     def __init__(self, x: Unknowns, model: str, factor: F | None) -> None:
-        self.x, self.factor = x, factor
+        self.x, self.model, self.factor = x, model, factor
         (*ab, self.offset), extra, self.eps = x.at.values[:7], x.at.values[7:-1], x.at.values[-1]
         self.a, self.b, self.one = ab[:3], ab[3:], 1 << x.at.power
         self.gain = self.one + extra[0] if model == "gain" else self.one
@@ -269,20 +267,19 @@ class At:
         sizes = inner(ab, ab) - self.one * self.h
         self.parts = (self.one * self.one, *doubled, sizes, *(-2 * i * j for i in self.a for j in self.b))
 
-    def unmet(self, given: Iterable[Exact]) -> Iterator[int]:
-        """Those that it does not satisfy, of some whose readings are exact."""
-        own, strict = self.parts, self.factor is not None
-        for k, (p, n, parts), reading in given:
-            above, below = reading.as_integer_ratio()
-            power = below.bit_length() - 1
-            unit = max(p, power)  # of the reading
-            read, offset, off = above << unit - power, self.offset << unit, self.eps << unit
-            length, square = self.gain * read + offset, sum(map(mul, parts, own)) << 2 * (unit - p)
-            self.x.spend(_EXACT_WORK + (square.bit_length() ** 2 >> _POINT_BITS))
-            high, low = length + off, length - off
-            longer = 0 <= off <= self.one * read + offset and high >= 0 and not (strict and low < 0)
-            if not (longer and 0 <= square <= n * high * high and (low <= 0 or n * low * low <= square)):
-                yield k
+    def meets(self, pose: Pose, reading: float) -> bool:
+        """A measurement whose reading is exact."""
+        p, n, parts = pose
+        above, below = reading.as_integer_ratio()
+        power = below.bit_length() - 1
+        unit = max(p, power)  # of the reading
+        read, offset, off = above << unit - power, self.offset << unit, self.eps << unit
+        length, square = self.gain * read + offset, sum(map(mul, parts, self.parts)) << 2 * (unit - p)
+        self.x.spend(_EXACT_WORK + (square.bit_length() ** 2 >> _POINT_BITS))
+        high, low = length + off, length - off
+        if not 0 <= off <= self.one * read + offset or high < 0 or (self.factor is not None and low < 0):
+            return False
+        return 0 <= square <= n * high * high and (low <= 0 or n * low * low <= square)
 
     def holds(self, m: Measurement, signs: str) -> bool:
         """One whose reading its signs name.
@@ -291,7 +288,7 @@ class At:
         docs/certificate-format.md, "The claims", for every name here.
         """
         if not m.uncertain:
-            return not list(self.unmet([(0, Pose.of(m.given[:7]), m.given[7])]))
+            return self.meets(Pose.of(m.given[:7]), m.given[7])
         factor, at = self.factor, self.x.at
         given, radii, (above, below) = dyadics(m.given), dyadics(m.radii), (factor or F(1)).as_integer_ratio()
         p = max(given.power, radii.power + below.bit_length(), at.power)
@@ -489,6 +486,7 @@ class ExactCampaign:
         self._numbers = array_of("d")
         self._shortest: dict[int, F] = {}
         self._poses: dict[int, Pose] = {}
+        self._met: dict[tuple[Any, ...], F] = {}  # the least eps at which some are met, by leg, model, point
         try:
             given = content(path, _LARGEST)
             self.sha256 = sha256(given).hexdigest()
@@ -529,17 +527,27 @@ class ExactCampaign:
         given = (*numbers[3:7], *numbers[:3], numbers[6 + leg])
         return Measurement(given, (*numbers[first : first + 6], numbers[first + 5 + leg]))
 
-    def poses(self, rows: Iterable[int], leg: int) -> Iterator[Exact]:
-        """Of rows, each with its pose and the reading of a leg."""
-        width, known, numbers = 13 + 2 * self.legs, self._poses, self._numbers
-        for k in rows:
-            first = k * width
-            found = known.get(k)
-            if found is None:
-                found = Pose.of((*numbers[first + 3 : first + 7], *numbers[first : first + 3]))
-                if len(known) < _MOST_POSES and found.power < _SHORT:
-                    known[k] = found
-            yield k, found, numbers[first + 6 + leg]
+    def _pose(self, k: int) -> Pose:
+        found = self._poses.get(k)
+        if found is None:
+            found = Pose.of(self.measurement(k, 1).given[:7])
+            if len(self._poses) < _MOST_POSES and found.power < _SHORT:
+                self._poses[k] = found
+        return found
+
+    def unmet(self, leg: int, point: At, rows: list[int]) -> list[int]:
+        """Of rows, all exact, those that a point does not satisfy.
+
+        Where it satisfies them at an eps, it does at a larger one, too, unless some leg is shorter than that.
+        """
+        *x, eps = point.x.box.lo
+        key, readings = (leg, point.model, *x, *rows), self._numbers[6 + leg :: 13 + 2 * self.legs]
+        if point.model != "gain" and self._met.get(key, eps + 1) <= eps <= F(min(readings)) + x[6]:
+            return []
+        wrong = [k for k in rows if not point.meets(self._pose(k), readings[k])]
+        if not wrong:
+            self._met[key] = eps
+        return wrong
 
     def shortest(self, leg: int) -> F:
         """Of all lengths that the readings of a leg may stand for."""

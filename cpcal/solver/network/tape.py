@@ -182,7 +182,7 @@ class _Writer:
         self.leaves = IntervalArray(*(np.concatenate([np.zeros(0), *map(np.ravel, side)]) for side in bounds))
         self._args = [np.zeros((0, 2), np.int32)]
         self._single: list[tuple[int, int]] = []  # arguments of single operations after them
-        self._kinds: list[tuple[int, int, int]] = []  # code, exponent, how many operations
+        self._kinds = [(0, 0, 0)]  # code, exponent, how many operations
         for node in nodes:
             if node.args:
                 self.slots[node.digest] = self._written(node, [self.slots[arg.digest] for arg in node.args])
@@ -190,7 +190,7 @@ class _Writer:
     def table(self) -> tuple[Places, Places, Places]:
         """Codes, arguments and exponents."""
         self._gather()
-        kinds = np.array(self._kinds, np.int32).reshape(-1, 3)
+        kinds = np.array(self._kinds, np.int32)
         code, exponent = np.repeat(kinds[:, :2], kinds[:, 2], axis=0).T.copy()
         return code, np.concatenate(self._args), exponent
 

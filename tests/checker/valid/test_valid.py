@@ -17,7 +17,9 @@ import pytest
 import cpcal
 from contractors import HC4
 from cpcal.checker import ExactCampaign, Refused, check
-from cpcal.checker.leg import Measurement
+from cpcal.checker.leg import At, Measurement
+from cpcal.checker.rule import Box as ExactBox
+from cpcal.checker.rule import Unknowns
 from cpcal.files.folders import save_campaign_json
 from cpcal.models import leg_statement
 from cpcal.models.leg import leg_readings
@@ -43,12 +45,10 @@ def test_handmade_certificates_are_accepted(verdict: Any, any_proof: Any) -> Non
     assert claims.eps_hi == claims.cap == F(proof.eps_hi)
     assert not claims.infeasible
     assert claims.point.at == tuple(map(F, proof.point))
-    assert claims.point.holds == found.chosen == tuple(range(found.count))
-    assert claims.point.fails == ()
-    for a, b, x, c, d in zip(
-        found.lo, claims.enclosure[0], claims.point.at, claims.enclosure[1], found.hi, strict=True
-    ):
-        assert a <= b <= x <= c <= d
+    assert (claims.point.holds, claims.point.fails) == (found.chosen, ())
+    assert found.chosen == tuple(range(found.count))
+    (lo, hi), at = claims.enclosure, claims.point.at
+    assert all(a <= b <= x <= c <= d for a, b, x, c, d in zip(found.lo, lo, at, hi, found.hi, strict=True))
     assert found.steps == len(proof.lines) - proof.head - 1
     assert found.unknowns[found.objective] in ("eps", "t")
     assert found.used <= set(found.chosen)
@@ -85,12 +85,19 @@ def test_only_the_measurements_with_weights(verdict: Any, exact_proof: Any) -> N
     lines[0]["only"] = used
     found = verdict(lines, exact_proof.folder)
     assert found.chosen == found.claims.point.holds == tuple(used)
-    assert found.used == set(used)
-    assert found.count == 12
+    assert (found.used, found.count) == (set(used), 12)
     assert found.claims.eps_lo == F(exact_proof.eps_lo)
     lines[0]["only"] = list(range(12))
     named, stated = verdict(lines, exact_proof.folder), verdict(exact_proof.lines, exact_proof.folder)
     assert replace(named, header=stated.header) == stated
+
+
+def test_what_a_point_meets_it_meets_at_a_larger_eps_while_legs_are_longer(exact_proof: Any) -> None:
+    campaign, (*x, eps) = ExactCampaign(exact_proof.folder / "campaign.json"), map(F, exact_proof.point)
+    most = campaign.shortest(1) + x[6]
+    for one, met in ((eps, True), (2 * eps, True), (most, True), (most + 1, False), (eps / 2, False)):
+        at = Unknowns(ExactBox((*x, one), (*x, one)), lambda _: None)
+        assert (not campaign.unmet(1, At(at, "plain", None), list(range(12)))) is met
 
 
 def test_the_largest_numbers_and_degrees(verdict: Any, network_proof: Any) -> None:
@@ -113,8 +120,7 @@ def test_whole_proofs_of_models(certified: Any, model: str) -> None:
     found = check(made.path)
     assert found.model == model
     assert (found.claims.eps_lo, found.claims.eps_hi) == (made.leg.bracket.lo, made.leg.bracket.hi)
-    assert made.leg.bracket.hi > made.leg.bracket.lo > 0
-    assert (found.claims.eps_hi - found.claims.eps_lo) < F(1, 1000)
+    assert 0 < found.claims.eps_lo < found.claims.eps_hi < found.claims.eps_lo + F(1, 1000)
 
 
 def bare(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
@@ -151,9 +157,6 @@ def test_the_checker_imports_nobody() -> None:
                 assert node.level == 1 or str(node.module).split(".")[0] in sys.stdlib_module_names
 
 
-# the statement ------------------------------------------------------------------------------------------------------
-
-
 # the same numbers from the campaign in memory -----------------------------------------------------------------------
 
 
@@ -162,11 +165,7 @@ def test_the_checker_imports_nobody() -> None:
 def test_campaigns_in_memory_and_in_files_say_the_same(tmp_path: Path, factor: float, overrides: bool) -> None:
     campaign = cpcal.simulate(seed=9, extremal=False, random_poses=7, factor=factor)
     rng = np.random.default_rng(3)
-    radii = {
-        "position_radius": campaign.position_radius,
-        "rotation_radius": campaign.rotation_radius,
-        "length_radius": campaign.length_radius,
-    }
+    radii = {name: getattr(campaign, name) for name in ("position_radius", "rotation_radius", "length_radius")}
     if overrides:
         radii = {name: v + rng.uniform(0, 0.1, v.shape) * (rng.random(v.shape) < 0.5) for name, v in radii.items()}
     scale = 1 + rng.uniform(-9e-7, 9e-7, (7, 1))
