@@ -22,8 +22,8 @@ def told(name: str, accepted: Accepted | str) -> Statement:
     of = f"points that satisfy all {accepted.count} constraints"
     if accepted.leg is not None:
         model = "" if accepted.model in (None, "plain") else f", model {printable(str(accepted.model))}"
-        some = ", ".join(str(k + 1) for k in accepted.chosen)
-        of = f"leg {accepted.leg}{model}, {f'all {accepted.count} measurements' if every else f'measurements {some}'}"
+        some = f"measurements {', '.join(str(k + 1) for k in accepted.chosen)}" if not every else ""
+        of = f"leg {accepted.leg}{model}, {some or f'all {accepted.count} measurements'}"
     return True, f"{name}: {of}: {'; '.join(said)}: PROVED, {accepted.steps} steps"
 
 
