@@ -491,4 +491,4 @@ def validate(campaign: Campaign, parameters: ArrayLike, *, noise: Noise | None =
         of_place, of_turn = np.sqrt(square.mean(axis=0).reshape(2, 3).sum(axis=1)).tolist()
         floor = of_place, of_turn
     position, orientation = ((each[0][k], each[1][k]) for k in (0, 1))
-    return Validation(tuple(campaign.measurement_ids), position, orientation, floor)
+    return Validation(campaign.measurement_ids, position, orientation, floor)

@@ -309,10 +309,10 @@ class Campaign(Readings):
         """The number of legs, n."""
         return self.robot.legs
 
-    @property
-    def measurement_ids(self) -> list[str]:
+    @cached_property
+    def measurement_ids(self) -> Names:
         """`pose/run` of every measurement, in order."""
-        return [f"{pose}/{run}" for pose, run in zip(self.pose, self.run, strict=True)]
+        return tuple(f"{pose}/{run}" for pose, run in zip(self.pose, self.run, strict=True))
 
     @property
     def simulated(self) -> bool:

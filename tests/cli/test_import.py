@@ -42,7 +42,7 @@ def test_what_is_imported_is_what_was_measured(tmp_path, log):
     assert_allclose(campaign.position, TRUE.position, atol=1e-6)
     assert_allclose(campaign.length, TRUE.length, atol=1e-8)
     assert_allclose(rotation_matrix(campaign.quaternion), rotation_matrix(TRUE.quaternion), atol=1e-10)
-    assert campaign.measurement_ids[:2] == ["1/1", "2/1"]
+    assert campaign.measurement_ids[:2] == ("1/1", "2/1")
     assert campaign.uncertainty.factor == 3.0
     assert_allclose(campaign.uncertainty.rotation, np.radians(0.0119))
     assert campaign.provenance["imported_from"] == "tracker.csv"

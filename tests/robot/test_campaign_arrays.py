@@ -127,7 +127,7 @@ def test_a_frame_with_foreign_columns_is_mapped():
     )
     same_rotations(campaign)
     assert_allclose(campaign.position, GOOD.position, rtol=1e-14)
-    assert campaign.measurement_ids[:2] == ["p1/1", "p2/1"]
+    assert campaign.measurement_ids[:2] == ("p1/1", "p2/1")
 
 
 @pytest.mark.parametrize(
