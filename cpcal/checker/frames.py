@@ -120,14 +120,13 @@ class Rows(ModelRows):
         self.size = first + each * len(own)
         self.count = max(len(study.image), (EQUATIONS + 12) * (2 + len(study.images)))  # numbers of rows are below
         seen, parts = frozenset(images), [*(() if alone else (0, 1)), *(2 + k for k in own)]
-        self.tags = [(side, n) for n, image in enumerate(study.image) if image in seen for side in SIDES[:4]]
-        self.tags += pairs(SIDES[4:6], (EQUATIONS * part + k for part in parts for k in range(EQUATIONS)))
+        tags = [(side, n) for n, image in enumerate(study.image) if image in seen for side in SIDES[:4]]
+        tags += pairs(SIDES[4:6], (EQUATIONS * part + k for part in parts for k in range(EQUATIONS)))
         if not alone:
             tied = (SIDES[8:10], images) if stage == "links" else (SIDES[10:], sets)
-            self.tags += [
-                *pairs(SIDES[6:8], range(6)),
-                *pairs(tied[0], (12 * k + j for k in tied[1] for j in range(12))),
-            ]
+            tags += pairs(SIDES[6:8], range(6))
+            tags += pairs(tied[0], (12 * k + j for k in tied[1] for j in range(12)))
+        self.tags = dict.fromkeys(tags)
 
     def form(self, side: str, k: int) -> Form:
         kind, sign, limit = side[:-1], 1 if side[-1] == "+" else -1, F(0)

@@ -228,11 +228,11 @@ class Problem:
 class ModelRows(ABC):
     """Rows that a model derives: by side and number, polynomials in x, at most zero at every solution.
 
-    `tags`: all that there are; `size`: of unknowns; `count`: numbers are below it.
+    `tags`: all that there are, in order; `size`: of unknowns; `count`: numbers are below it.
     """
 
     sides: Names
-    tags: Sequence[tuple[str, int]]
+    tags: dict[tuple[str, int], None]
     size: int
     count: int
 
@@ -244,13 +244,9 @@ class ModelRows(ABC):
         """What it costs besides its terms."""
         return 0
 
-    @cached_property
-    def _known(self) -> frozenset[tuple[str, int]]:
-        return frozenset(self.tags)
-
     def row(self, side: str, k: int) -> Terms:
         """Of `form`. Raises Refused for a row that there is not."""
-        if (side, k) not in self._known:
+        if (side, k) not in self.tags:
             raise Refused(f"there is no row {side} {k}")
         return self.form(side, k).terms
 

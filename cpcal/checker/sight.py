@@ -185,7 +185,8 @@ class Rows(ModelRows):
         self._t = forms(range(12, self.size))
         self.count = max(EQUATIONS, len(sight.dots))
         ball = [(SIDES[7], 0)] if sight.cameras.size else []
-        self.tags = [*((s, k) for k in dots for s in SIDES[:5]), *product(SIDES[5:7], range(EQUATIONS)), *ball]
+        turns = product(SIDES[5:7], range(EQUATIONS))
+        self.tags = dict.fromkeys([*((s, k) for k in dots for s in SIDES[:5]), *turns, *ball])
 
     def dot_of(self, side: str, k: int) -> int | None:
         """The dot that a row is of."""

@@ -211,7 +211,7 @@ class Prover:
         assert before.left is not None
         of = "frames" if stage == "places" else stage
         rows = Rows(self.exact, of, images, F(eps), self.hand, self.board, before.sets, before.left)
-        rows.tags = [(side, k) for side, k in rows.tags if side[:4] != "turn" or k % EQUATIONS not in _IMPLIED]
+        rows.tags = {(side, k): None for side, k in rows.tags if side[:4] != "turn" or k % EQUATIONS not in _IMPLIED}
 
         def lifted(i: int, j: int) -> bool:
             """Poses of images are known so well that their products with the frames' rotations need no columns."""
