@@ -120,7 +120,7 @@ class Krawczyk(Composable):
     name = "krawczyk"
 
     def __init__(self, network: ConstraintNetwork, *, objective: str | None = None) -> None:
-        self._forms: list[tuple[CentredForm, Indices]] = []
+        self._forms = list[tuple[CentredForm, Indices]]()
         for row in one_sided_rows(network):
             form = CentredForm(network, row.expr)
             elements = np.arange(form.count) if row.elements is None else row.elements

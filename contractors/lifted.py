@@ -111,7 +111,7 @@ class Structures:
         self._forms: PolynomialForms | None = None
         self._decisive: DecisiveReadings | None = None
         self._given: PolynomialSystem | None = None  # where no readings decide, if it need not be expanded
-        self._known: dict[bytes, Structure] = {}  # of the expanded ones, by the reading sets, the latest last
+        self._known = dict[bytes, Structure]()  # of the expanded ones, by the reading sets, the latest last
 
     def on(self, box: Box, deadline: float) -> Structure:
         """For a bounded box (any box where `by_box` is false), with the readings at the ends that decide on all of it

@@ -258,7 +258,7 @@ class At:
     """
 
     def __init__(self, x: Unknowns, model: str, factor: F | None) -> None:
-        self.x, self.model, self.factor = x, model, factor
+        self.x, self.factor = x, factor
         (*ab, self.offset), extra, self.eps = x.at.values[:7], x.at.values[7:-1], x.at.values[-1]
         self.a, self.b, self.one = ab[:3], ab[3:], 1 << x.at.power
         self.gain = self.one + extra[0] if model == "gain" else self.one
@@ -486,7 +486,7 @@ class ExactCampaign:
         self._numbers = array_of("d")
         self._shortest: dict[int, F] = {}
         self._poses: dict[int, Pose] = {}
-        self._met: dict[tuple[Any, ...], F] = {}  # the least eps at which some are met, by leg, model, point
+        self._met: dict[tuple[Any, ...], F] = {}  # the least eps at which some are met, by leg, point, rows
         try:
             given = content(path, _LARGEST)
             self.sha256 = sha256(given).hexdigest()
@@ -540,9 +540,9 @@ class ExactCampaign:
 
         Where it satisfies them at an eps, it does at a larger one, too, unless some leg is shorter than that.
         """
-        *x, eps = point.x.box.lo
-        key, readings = (leg, point.model, *x, *rows), self._numbers[6 + leg :: 13 + 2 * self.legs]
-        if point.model != "gain" and self._met.get(key, eps + 1) <= eps <= F(min(readings)) + x[6]:
+        (*x, eps), plain = point.x.box.lo, point.gain == point.one
+        key, readings = (leg, plain, *x, *rows), self._numbers[6 + leg :: 13 + 2 * self.legs]
+        if plain and self._met.get(key, eps + 1) <= eps <= F(min(readings)) + x[6]:
             return []
         wrong = [k for k in rows if not point.meets(self._pose(k), readings[k])]
         if not wrong:

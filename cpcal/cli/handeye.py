@@ -111,7 +111,7 @@ def study(
         remedy = "give --photos, --pairs, --simulate N, --of STUDY, or --robot with or without --photos"
         raise unusable("handeye study", "needs one source", remedy)
     check_new(folder, force=force)
-    left: list[str] = []
+    left = list[str]()
     if photos is not None:
         if board is None or camera is None or (poses is None) == (robot is None):
             remedy = "give --board, --camera and --poses (or --robot) too"

@@ -365,7 +365,7 @@ def sets(
     )
     plates, cameras = _stated(plate, lens, None if plate_exact else dots, factor, plate_exact, camera_exact)
     off = 5.0 * DEVIATION.get(plate.board.partition(":")[0], 0.01) if half_width is None else half_width
-    stems: dict[str, str] = {}
+    stems = dict[str, str]()
     for name in names:
         if (other := stems.setdefault(stem_of(name), name)) != name:
             what = f"{name} and {other} would have certificates of one name"

@@ -89,7 +89,7 @@ def checked_certificates(folder: Path) -> dict[str, Accepted | str]:
         among = certificates_of(folder)
     except Refused as reason:
         return {folder.name: str(reason)}
-    found: dict[str, Accepted | str] = {}
+    found = dict[str, Accepted | str]()
     for name in sorted(among.names):
         try:
             found[name] = among.accepted(name)
@@ -149,7 +149,7 @@ def statements(target: Path, *, verbose: bool = False) -> Iterator[Statement]:
 
 def refusals(folder: Path) -> list[str]:
     """Why a folder is refused: no sentence where all of it is accepted. Raises InputError."""
-    refused: list[str] = []
+    refused = list[str]()
     with suppress(NothingCertifiedError):  # its last statement
         refused.extend(sentence for accepted, sentence in statements(folder) if not accepted)
     return refused

@@ -43,7 +43,7 @@ _PAUSE = 0.05
 Function: TypeAlias = Callable[..., Any]
 F = TypeVar("F", bound=Function)
 
-_stamps: dict[str, str] = {}  # of every module with compiled functions
+_stamps = dict[str, str]()  # of every module with compiled functions
 _ahead: list[Callable[[], object]] = []
 _compiling = 0  # kernels that this process has compiled
 _making = RLock()
@@ -76,7 +76,7 @@ class Compiled:
     def __init__(self, function: Function) -> None:
         update_wrapper(self, function)
         self.py_func = function
-        self._made: dict[bool, Function] = {}  # for Python, and for compiled functions
+        self._made = dict[bool, Function]()  # for Python, and for compiled functions
         _stamp(function)  # now, while the module's globals are what the function's file puts before it
 
     def __call__(self, *args: Any) -> Any:

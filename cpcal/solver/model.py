@@ -393,7 +393,7 @@ class Network(ConstraintNetwork):
             if order not in ORDERS:
                 raise ModelError(f"no order is called {order!r}; there are: {', '.join(ORDERS)}")
             priority, inside = ORDERS[order], Inside(network) if inner else None
-            built: dict[SearchMethod, list[Named]] = {}
+            built = dict[SearchMethod, list[Named]]()
             options = (contractors, strategy, order, inner, width)
             of = {} if checkpoint is None else checkpoint_of(network, options)
             keeper = Checkpoint(checkpoint, of, resume=resume)

@@ -147,8 +147,8 @@ class NotStated(ModelError):
 
 def network_statement(network: ConstraintNetwork, objective: str | None, about: str = "") -> Statement:
     """The network's constraints, element by element, exactly. Raises NotStated."""
-    items: list[Stated] = []
-    constraints: list[Constraint] = []
+    items = list[Stated]()
+    constraints = list[Constraint]()
     sides: Sides = {}
     exact = ExactPolynomials(network)
     for c, constraint in enumerate(network.constraints):

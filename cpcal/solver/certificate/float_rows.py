@@ -221,8 +221,8 @@ class FloatRule:
         self._columns: dict[int, int] = {0: 0}
         self._even = [False]  # whether the monomial of a column, not the constant, lies in [0, 1]
         self._evens = np.zeros(1, np.bool_)  # the same as an array
-        self._known_beside: dict[Product | Square, tuple[list[int], list[float]]] = {}
-        self._rows: dict[int, tuple[Indices, Floats, float]] = {}
+        self._known_beside = dict[Product | Square, tuple[list[int], list[float]]]()
+        self._rows = dict[int, tuple[Indices, Floats, float]]()
 
     def parts(self, rows: Sequence[int], products: Sequence[Product], squares: Sequence[Square]) -> Parts:
         """Rows by their numbers, then what is not negative on the box, with a minus sign."""
@@ -270,7 +270,7 @@ class FloatRule:
         """Columns, coefficients, and the error of all of them, of rows that were not formed before."""
         new = [n for n in dict.fromkeys(numbers) if n not in self._rows]
         legs = {n: leg for n in new if (leg := self._leg(n)) is not None}
-        swept: list[tuple[int, FloatRow]] = []
+        swept = list[tuple[int, FloatRow]]()
         for side in dict.fromkeys(self._table[n][0] for n in legs):
             for reads in (True, False):  # which have one formula each
                 own = [n for n, leg in legs.items() if self._table[n][0] == side and leg.m.uncertain is reads]

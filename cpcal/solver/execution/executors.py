@@ -69,8 +69,8 @@ class Processes(Executor):
     def __init__(self, count: int, loads: Sequence[str] = ()) -> None:
         self.count, self._loads = count, loads
         self._tasks: SimpleQueue[tuple[Future[Any], memoryview] | None] = SimpleQueue()
-        self._threads: list[threading.Thread] = []
-        self._workers: list[_Worker] = []
+        self._threads = list[threading.Thread]()
+        self._workers = list[_Worker]()
         self._stopping = False
 
     @property
@@ -359,7 +359,7 @@ def outcomes(
     pool, source = executor if isinstance(executor, Processes) else None, iter(tasks)
     again: deque[tuple[A, int]] = deque()
     finished: SimpleQueue[Future[T]] = SimpleQueue()  # in the order in which they are
-    running: dict[Future[T], tuple[A, int]] = {}  # and how often it was begun
+    running = dict[Future[T], tuple[A, int]]()  # and how often it was begun
     stopped = None  # when
     reached = time.monotonic()  # a scheduler, last
     try:
@@ -444,7 +444,7 @@ class Shared(Generic[V]):
         executor, most = self._place
         size = -(-len(items) // most)
         parts = [items[k : k + size] for k in range(0, len(items), size)]
-        found: dict[int, Sequence[T]] = {}
+        found = dict[int, Sequence[T]]()
         content = None
         while len(found) < len(parts):
             left = [k for k in range(len(parts)) if k not in found]

@@ -55,7 +55,7 @@ class _Note:
     def __init__(self) -> None:
         self.reason: Reason | None = None
         self.heard = self.insisted = False
-        self.sources: list[Callable[[], Reason | None]] = []
+        self.sources = list[Callable[[], Reason | None]]()
 
 
 _note = _Note()

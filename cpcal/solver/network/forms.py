@@ -192,7 +192,7 @@ class _Ratio:
     """Expressions as a numerator over a product of divisors; each divisor is one node, whatever it is made of."""
 
     def __init__(self) -> None:
-        self._same: dict[bytes, Expr] = {}  # one object for equal expressions, so that counters find them
+        self._same = dict[bytes, Expr]()  # one object for equal expressions, so that counters find them
 
     def of_node(self, node: Expr, args: list[Ratio]) -> Ratio:
         if not any(divisors for _, divisors in args) and not _divides(node):

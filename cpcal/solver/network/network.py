@@ -38,12 +38,12 @@ class ConstraintNetwork:
 
     def __init__(self, name: str = "") -> None:
         self.name = checked_name(name or f"network {next(_numbers)}")
-        self._variables: dict[str, Expr] = {}
-        self._domains: list[Box] = []
+        self._variables = dict[str, Expr]()
+        self._domains = list[Box]()
         self._domain = _NOTHING  # of the variables when it was last asked for
-        self._owner: dict[str, str] = {}  # of every component's name, the variable
-        self._constraints: list[Constraint] = []
-        self._made: dict[Hashable, Any] = {}  # the last few things that were made of it, by what they depend on
+        self._owner = dict[str, str]()  # of every component's name, the variable
+        self._constraints = list[Constraint]()
+        self._made = dict[Hashable, Any]()  # the last few things that were made of it, by what they depend on
 
     def variable(self, name: str, shape: int | Shape = (), domain: Domain = (-np.inf, np.inf)) -> Expr:
         """A new unknown; components of an array are called `name[0]`, `name[1,2]`, in boxes.
@@ -168,7 +168,7 @@ class ConstraintNetwork:
         hasher = hashlib.sha256(repr(self.names).encode())
         hasher.update(self.domain.lo.tobytes() + self.domain.hi.tobytes())
         roots = [expr for c in self._constraints for expr in c.parts]
-        number: dict[bytes, int] = {}
+        number = dict[bytes, int]()
         for node in topological(roots):
             args = tuple(number[arg.digest] for arg in node.args)
             number[node.digest] = len(number)
@@ -247,7 +247,7 @@ def select(root: Expr, rows: Indices) -> Expr:
     for node in reversed(nodes):
         if node.digest in wanted:
             wanted.update(arg.digest for arg in node.args if passes_down(node, arg, rows))
-    done: dict[bytes, Expr] = {}
+    done = dict[bytes, Expr]()
     for node in nodes:
         if node.digest in wanted:
             done[node.digest] = _selected(node, rows, done)

@@ -7,10 +7,10 @@ elements of an array share their monomials, which is what makes N measurements c
 import math
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from functools import lru_cache
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache, partial
 from itertools import compress
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,6 @@ from cpcal.solver.network.tape import ReadingSets, Tape
 
 Monomial = tuple[int, ...]
 Monomials = tuple[Monomial, ...]
-Polynomial = tuple[Monomials, Arrays]  # with coefficients (1 + J, T, E)
 
 
 @lru_cache(maxsize=256)
@@ -40,7 +39,9 @@ def _union(x: Monomials, y: Monomials) -> tuple[Monomials, Indices, Indices]:
 @lru_cache(maxsize=256)
 def _products(x: Monomials, y: Monomials, square: bool) -> tuple[Monomials, Indices]:
     """The monomials of a product, and (P, 3) which terms multiply to which; of a square both orders are one."""
-    place: dict[Monomial, int] = {}
+    if len(x) * len(y) > _MOST_PRODUCTS:
+        raise NotPolynomial(f"a product of {len(x) * len(y)} terms")
+    place = dict[Monomial, int]()
     table = []
     for i, p in enumerate(x):
         for j in range(i if square else 0, len(y)):
@@ -73,24 +74,24 @@ class PolynomialArray(NamedTuple):
     def is_constant(self) -> bool:
         return not any(self.monomials)
 
-    @property
-    def constant(self) -> Arrays:
-        """The one coefficient (1 + J, 1, E) of a constant, zero where it is not listed."""
-        return self.coefficients if self.monomials else (np.zeros((1, 1, 1)), np.zeros((1, 1, 1)))
+    def spread(self, shape: Shape) -> Callable[[Arrays], Arrays]:
+        """What makes coefficients of these elements those of elements of a shape; of one where all are the same."""
+        if self.coefficients[0].shape[2] in (1, math.prod(shape)):
+            return lambda own: own
+        return _taken(np.broadcast_to(positions(self.shape), shape).ravel())
 
-    def of_elements(self, shape: Shape) -> Arrays:
-        """The coefficients of the elements broadcast to a shape; of one where all are the same."""
-        lo, hi = self.coefficients
-        if lo.shape[2] in (1, math.prod(shape)):
-            return lo, hi
-        places = np.broadcast_to(positions(self.shape), shape).ravel()
-        return lo.take(places, 2), hi.take(places, 2)
+
+def _taken(places: Indices) -> Callable[[Arrays], Arrays]:
+    return lambda own: (own[0].take(places, 2), own[1].take(places, 2))
+
+
+Operation = Callable[..., Arrays]  # from the coefficients of an operation's arguments to its own
 
 
 class Expander:
     """Expands expressions of one network over all of their reading sets; every node once.
 
-    `again` repeats that over parts of the sets. What is not expanded at `deadline` (of time.monotonic()), or would have
+    `over` repeats that over parts of the sets. What is not expanded at `deadline` (of time.monotonic()), or would have
     very many terms, counts as not polynomial.
     """
 
@@ -99,9 +100,10 @@ class Expander:
         self._places = network.places
         self._leaves = {node.digest: node for node in topological(roots) if node.op == "reading"}
         self._whole = self._allotted({})
-        self._done: dict[bytes, PolynomialArray | NotPolynomial] = {}
-        self._keep: dict[bytes, Bools] = {}  # of a node's monomials, those that do not vanish for all readings
-        self._orders: dict[bytes, list[Expr]] = {}  # of nodes under a root that depend on readings, arguments first
+        self._done = dict[bytes, PolynomialArray | NotPolynomial]()
+        # of a node's operation the monomials, which of them do not vanish for all readings, and whether it has some
+        self._plans = dict[bytes, tuple[Any, ...]]()
+        self._orders = dict[bytes, list[Expr]]()  # of nodes under a root that depend on readings, arguments first
 
     def expand(self, root: Expr) -> PolynomialArray:
         """The polynomial form of `root`. Raises NotPolynomial."""
@@ -117,20 +119,26 @@ class Expander:
                 self._done[node.digest] = reason
         return self._found(root)
 
-    def again(self, roots: Sequence[Expr], sets: Mapping[bytes, IntervalArray]) -> list[PolynomialArray]:
-        """The forms of some `roots`, which `expand` has found, for readings in other `sets`, parts of theirs.
+    def over(self, sets: Mapping[bytes, IntervalArray]) -> Callable[[Expr], PolynomialArray]:
+        """What expands roots for readings in other `sets`, parts of theirs. Raises NotPolynomial as `expand` does.
 
         A coefficient that is zero for all readings of the whole sets is zero for these: monomials stay away.
         """
+        if not sets:
+            return self.expand
         readings, known = self._allotted(sets), dict[bytes, PolynomialArray]()
-        for root in roots:
+
+        def again(root: Expr) -> PolynomialArray:
+            whole = self.expand(root)
             if root.digest not in self._orders:
                 self._orders[root.digest] = [node for node in topological((root,)) if "reading" in node.ops]
             for node in self._orders[root.digest]:
                 if node.digest not in known:
                     args = [known.get(arg.digest) or self._found(arg) for arg in node.args]
                     known[node.digest] = self._node(node, args, readings)
-        return [known.get(root.digest) or self._found(root) for root in roots]
+            return known.get(root.digest, whole)
+
+        return again
 
     def _found(self, node: Expr) -> PolynomialArray:
         found = self._done[node.digest]
@@ -147,15 +155,16 @@ class Expander:
             return PolynomialArray(node.shape, ((),), (lo.reshape(1, 1, -1), hi.reshape(1, 1, -1)))
         if node.op == "reading":
             return PolynomialArray(node.shape, ((),), readings[node.digest], reads=bool(node.shape))
-        monomials, (lo, hi) = self._operation(node, args)
-        if node.digest not in self._keep:
-            constant = np.array([m == () for m in monomials], np.bool_)
-            self._keep[node.digest] = ((lo != 0.0) | (hi != 0.0)).any(axis=(0, 2)) | constant
-        keep = self._keep[node.digest]
-        if not keep.all():
+        plan = self._plans.get(node.digest)
+        operation, monomials, keep, reads = plan or (*_operation(node, args), None, any(arg.reads for arg in args))
+        lo, hi = operation(*[arg.coefficients for arg in args])
+        if keep is None:
+            keep = ((lo != 0.0) | (hi != 0.0)).any(axis=(0, 2)) | np.array([m == () for m in monomials], np.bool_)
             monomials = tuple(compress(monomials, keep.tolist()))
+            self._plans[node.digest] = operation, monomials, keep, reads
+        if len(monomials) < len(keep):
             lo, hi = lo.compress(keep, 1), hi.compress(keep, 1)
-        return PolynomialArray(node.shape, monomials, (lo, hi), any(arg.reads for arg in args))
+        return PolynomialArray(node.shape, monomials, (lo, hi), reads)
 
     def _allotted(self, sets: Mapping[bytes, IntervalArray]) -> dict[bytes, Arrays]:
         """Every reading's coefficients: one `delta_j` for each component whose set has a width in some row."""
@@ -180,61 +189,68 @@ class Expander:
             out[node.digest] = slopes, slopes
         return out
 
-    def _operation(self, node: Expr, args: list[PolynomialArray]) -> Polynomial:
-        x, op = args[0], node.op
-        lo, hi = x.coefficients
-        if op == "neg":
-            return x.monomials, (-hi, -lo)
-        known = all(arg.is_constant for arg in args) and op not in ("index", "sum")
-        if known and all(len(arg.coefficients[0]) == 1 for arg in args):
-            return _over_readings(node, args)
-        if op == "index":
-            places = node.places.ravel() % lo.shape[2]  # 0 where all are the same
-            return x.monomials, (lo.take(places, 2), hi.take(places, 2))
-        if op == "sum":
-            before, count = math.prod(x.shape[: node.parameter]), x.shape[node.parameter]
-            if lo.shape[2] == 1:
-                lo, hi = (side.repeat(node.size * count, 2) for side in (lo, hi))
-            full = (len(lo), lo.shape[1] * before, count, node.size // before)
-            lo, hi = coef.centred_sums((lo.reshape(full), hi.reshape(full)))
-            own = (len(lo), len(x.monomials), node.size)
-            return x.monomials, (lo.reshape(own), hi.reshape(own))
-        one, *other = [(arg.monomials, arg.of_elements(node.shape)) for arg in args]
-        if op in ("add", "sub"):
-            monomials, of_x, of_y = _union(one[0], other[0][0])
-            sign = 1.0 if op == "add" else -1.0
-            return monomials, coef.combined(one[1], other[0][1], of_x, of_y, sign, node.size)
-        if op == "mul":
-            return _product(one, other[0], node.size)
-        if op == "sqr":
-            return _product(one, one, node.size, square=True)
-        if op == "power" and node.parameter >= 0:
-            out: Polynomial = ((),), (np.ones((1, 1, 1)), np.ones((1, 1, 1)))
-            for _ in range(node.parameter):
-                out = _product(out, one, node.size)
+
+def _operation(node: Expr, args: list[PolynomialArray]) -> tuple[Operation, Monomials]:
+    """What an operation does, and the monomials of what it makes, for arguments with these. Raises NotPolynomial."""
+    x, op, size, last = args[0], node.op, node.size, args[-1]
+    monomials = x.monomials
+    if op == "neg":
+        return lambda own: (-own[1], -own[0]), monomials
+    if op == "index":
+        return _taken(node.places.ravel() % x.coefficients[0].shape[2]), monomials  # 0 where all are the same
+    if op == "sum":
+        before, count = math.prod(x.shape[: node.parameter]), x.shape[node.parameter]
+
+        def summed(own: Arrays) -> Arrays:
+            if own[0].shape[2] == 1:
+                own = own[0].repeat(size * count, 2), own[1].repeat(size * count, 2)
+            full = (len(own[0]), len(monomials) * before, count, size // before)
+            lo, hi = coef.centred_sums((own[0].reshape(full), own[1].reshape(full)))
+            return lo.reshape(len(lo), -1, size), hi.reshape(len(lo), -1, size)
+
+        return summed, monomials
+    one, two, over = x.spread(node.shape), last.spread(node.shape), partial(_over_readings, node)
+    known, divides = all(arg.is_constant for arg in args), op == "div" and last.is_constant
+    power = op == "power" and node.parameter >= 0
+    if op in ("add", "sub"):
+        sign, (found, of_x, of_y) = 1.0 if op == "add" else -1.0, _union(monomials, last.monomials)
+
+        def made(*own: Arrays) -> Arrays:
+            return coef.combined(one(own[0]), two(own[1]), of_x, of_y, sign, size)
+
+    elif op in ("mul", "sqr") or divides or power:
+        found, tables = ((),) if power else monomials, list[tuple[Indices, int]]()
+        for _ in range(node.parameter if power else 1):
+            found, table = _products(found, ((),) if divides else last.monomials, op == "sqr")
+            tables.append((table, len(found)))
+
+        def made(*own: Arrays) -> Arrays:
+            out = (np.ones((1, 1, 1)), np.ones((1, 1, 1))) if power else one(own[0])
+            factor = two(coef.reciprocal(_constant(own[1])) if divides else own[-1])
+            for table, count in tables:
+                out = coef.products(out, factor, table, count, size, op == "sqr")
             return out
-        if op == "div" and args[1].is_constant:
-            divisor = args[1]._replace(monomials=((),), coefficients=coef.reciprocal(args[1].constant))
-            return _product(one, (((),), divisor.of_elements(node.shape)), node.size)
-        if known:
-            return _over_readings(node, args)
+
+    elif known:
+        return over, ((),)
+    else:
         raise NotPolynomial(f"{op!r} of an expression with variables")
+    if not known or not found:
+        return made, found
+    return lambda *own: (over if all(len(lo) == 1 for lo, _ in own) else made)(*own), found
 
 
-def _product(x: Polynomial, y: Polynomial, count: int, square: bool = False) -> Polynomial:
-    """Of `count` elements."""
-    if len(x[0]) * len(y[0]) > _MOST_PRODUCTS:
-        raise NotPolynomial(f"a product of {len(x[0]) * len(y[0])} terms")
-    monomials, table = _products(x[0], y[0], square)
-    return monomials, coef.products(x[1], y[1], table, len(monomials), count, square)
+def _constant(own: Arrays) -> Arrays:
+    """The coefficient (1 + J, 1, E) of a constant, zero where it is not listed."""
+    return own if own[0].shape[1] else (np.zeros((1, 1, own[0].shape[2])),) * 2
 
 
-def _over_readings(node: Expr, args: list[PolynomialArray]) -> Polynomial:
+def _over_readings(node: Expr, *args: Arrays) -> Arrays:
     """Any operation on constants, over all readings in their sets."""
-    ranges = [IntervalArray(*coef.total(arg.constant)) for arg in args]
+    ranges = [IntervalArray(*coef.total(_constant(own))) for own in args]
     own = [v.broadcast_to((1, 1, a.size)).reshape(a.shape) for v, a in zip(ranges, node.args, strict=True)]
     values = own[0].apply(CODES[node.op], own[-1], node.parameter).reshape((1, 1, node.size))
-    return ((),), (values.lo, values.hi)
+    return values.lo, values.hi
 
 
 @lru_cache(maxsize=4096)
@@ -436,7 +452,7 @@ class PolynomialForms:
 
     def __init__(self, network: ConstraintNetwork, deadline: float = math.inf) -> None:
         self._network, self._deadline = network, deadline
-        self._parts: list[list[Row]] = []  # of each one-sided row those that are made of it
+        self._parts = list[list[Row]]()  # of each one-sided row those that are made of it
         self._expander: Expander | None = None
 
     def __getstate__(self) -> dict[str, object]:
@@ -454,11 +470,11 @@ class PolynomialForms:
             self._expander = Expander(self._network, tuple(row.expr for row in first), self._deadline)
         expanded, leftover = [], []
         monomials, size = set[Monomial](), 0
-        for part, own in ((part, sets[k] if sets else {}) for k, parts in enumerate(self._parts) for part in parts):
+        again = map(self._expander.over, sets or [{}] * len(self._parts))
+        for part, over in ((part, over) for parts, over in zip(self._parts, again, strict=True) for part in parts):
             roots = (part.expr,) if part.guard is None else (part.expr, part.guard)
             try:
-                forms = [self._expander.expand(root) for root in roots]
-                forms = self._expander.again(roots, own) if own else forms
+                forms = list(map(over, roots))
                 more = {m for p in forms for m in p.monomials} - monomials
                 larger = size + sum(map(pairs, more))
                 if larger > MOST_PAIRS:

@@ -201,23 +201,23 @@ class DecisiveReadings:
 
     @cached_property
     def _paths(self) -> list[tuple[Indices, Indices, Bools]]:
-        """Of each root the readings that enter some of its rows, from the first one on, where their derivatives stand,
-        and which readings enter one row: a component that enters two of them stays as it is."""
+        """Of each root the components of readings, from the first one on, that enter one of its rows (those that enter
+        two stay as they are), where their derivatives stand, and which have a width."""
         reach, first, out = self.tape.reach, self.tape.program.given, []
         for rows in map(self.tape.rows, self.tape.roots):
             mine = (reach.leaf >= first) & (reach.row >= rows.start) & (reach.row < rows.stop)
             leaf = reach.leaf[mine] - first
-            out.append((leaf, reach.entry[mine], np.bincount(leaf, minlength=self.tape.program.first - first) == 1))
+            alone = np.bincount(leaf)[leaf] == 1
+            leaf = leaf[alone]
+            out.append((leaf, reach.entry[mine][alone], (self._data.lo < self._data.hi)[leaf]))
         return out
 
-    def _sets(self, g: IntervalArray, leaf: Indices, entry: Indices, alone: Bools) -> tuple[ReadingSets, int, int]:
+    def _sets(self, g: IntervalArray, leaf: Indices, entry: Indices, wide: Bools) -> tuple[ReadingSets, int, int]:
         """How many components decide, and of how many that have a width and enter one row."""
-        data = self._data
-        up, down = np.zeros((2, len(alone)), bool)
-        up[leaf], down[leaf] = g.lo[entry] >= 0.0, g.hi[entry] <= 0.0
-        up, down = up & alone, down & ~up & alone
-        found = IntervalArray(np.where(down, data.hi, data.lo), np.where(up, data.lo, data.hi))
-        wide = alone & (data.lo < data.hi)
-        places = ((digest, where - self.tape.program.given) for digest, where in self.tape.reading_slots.items())
-        sets = {digest: found[where] for digest, where in places if alone[where].any()}
+        data, (lo, hi), first = self._data, self._data.copied(), self.tape.program.given
+        up = g.lo[entry] >= 0.0
+        down = (g.hi[entry] <= 0.0) & ~up
+        hi[leaf[up]], lo[leaf[down]] = data.lo[leaf[up]], data.hi[leaf[down]]
+        places = self.tape.reading_slots.items() if leaf.size else ()
+        sets = {digest: IntervalArray(lo, hi)[where - first] for digest, where in places}
         return sets, int((wide & (up | down)).sum()), int(wide.sum())

@@ -171,7 +171,7 @@ class _Writer:
 
     def __init__(self, network: ConstraintNetwork, roots: tuple[Expr, ...]) -> None:
         nodes = topological(roots)
-        self.slots: dict[bytes, Places] = {}
+        self.slots = dict[bytes, Places]()
         self._next = 0
         constants = [node for node in nodes if node.op == "constant"]
         self.readings = tuple(node for node in nodes if node.op == "reading")
@@ -181,7 +181,7 @@ class _Writer:
         bounds = ([values.lo for values in data], [values.hi for values in data])
         self.leaves = IntervalArray(*(np.concatenate([np.zeros(0), *map(np.ravel, side)]) for side in bounds))
         self._args = [np.zeros((0, 2), np.int32)]
-        self._single: list[tuple[int, int]] = []  # arguments of single operations after them
+        self._single = list[tuple[int, int]]()  # arguments of single operations after them
         self._kinds = [(0, 0, 0)]  # code, exponent, how many operations
         for node in nodes:
             if node.args:
@@ -214,7 +214,7 @@ class _Writer:
                 terms = np.concatenate([paired, terms[2 * half :]])
             return np.asarray(terms[0])
         if node.shape:
-            args = [np.broadcast_to(arg, node.shape) for arg in args]
+            args = [arg if arg.shape == node.shape else np.broadcast_to(arg, node.shape) for arg in args]
         return self._emitted(CODES[node.op], args, node.parameter)
 
     def _emitted(self, code: int, args: list[Places], parameter: int = 0) -> Places:

@@ -223,8 +223,8 @@ class LocalSearch:
         minimize: Any = optimize.minimize  # typed for other arguments than these
         lo, hi = self._domain.lo / scale, self._domain.hi / scale
         late = max(self._deadline, time.monotonic() + _GRACE)
-        asked: list[Floats] = []  # the last point
-        sizes: list[Floats] = []  # of rows and equations, where the search begins
+        asked = list[Floats]()  # the last point
+        sizes = list[Floats]()  # of rows and equations, where the search begins
 
         @lru_cache(maxsize=1)
         def known(at: bytes) -> list[Floats]:

@@ -53,7 +53,7 @@ class Equations:
         self.enter = frozenset(reach[reach < len(network.names)].tolist())
         self._network = plain
         self._flat = [part for root in self._equalities.roots for part in (root.reshape(-1) if root.shape else [root])]
-        self._provers: dict[Places, UniquenessProver] = {}  # by the equations that they are about
+        self._provers = dict[Places, UniquenessProver]()  # by the equations that they are about
 
     def solved(self, point: Floats, domain: Box) -> Box | None:
         """A tiny box around the point (n,) in which the equations have a solution; the others are single numbers."""

@@ -60,7 +60,7 @@ class Paving:
     @property
     def clusters(self) -> Boxes:
         """The hull of each cluster of `solutions`: neighbours that may be about one and the same solution."""
-        members: dict[int, list[Box]] = {}
+        members = dict[int, list[Box]]()
         for solution in self.solutions:
             members.setdefault(solution.cluster, []).append(solution.box)
         return tuple(reduce(Box.hull, boxes) for boxes in members.values())
@@ -107,7 +107,7 @@ def _proved(kept: Sequence[Box], prover: UniquenessProver, clock: Clock) -> tupl
     """
     if not prover.applies:
         return [], list(kept)
-    found: list[Unique] = []
+    found = list[Unique]()
     left = dict(enumerate(kept))
     labels = clusters(kept)
     try:

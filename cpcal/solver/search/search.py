@@ -131,13 +131,13 @@ class Search(Iterator[Event]):
     ) -> None:
         self._process, self._priority = process, priority
         self._abreast, self._batch = abreast, batch
-        self._heap: list[tuple[float, int, Node]] = []  # priority, serial
-        self.begun: list[Node] = []  # of the round at work those that are still to come, the next one first
-        self._decided: dict[int, Decision] = {}  # by serial, of the round
+        self._heap = list[tuple[float, int, Node]]()  # priority, serial
+        self.begun = list[Node]()  # of the round at work those that are still to come, the next one first
+        self._decided = dict[int, Decision]()  # by serial, of the round
         self.created = 0  # nodes that were ever made
-        self.kept: list[Piece] = []
-        self.inside: list[Box] = []
-        self.outside: list[Box] = []
+        self.kept = list[Piece]()
+        self.inside = list[Box]()
+        self.outside = list[Box]()
         for root in roots:
             self._push(root if isinstance(root, Piece) else Piece(root), 0)
 
