@@ -15,7 +15,7 @@ test: .venv/.installed-dev
 # `make nightly`: the longer sweeps, which `make test` leaves out or does a part of
 nightly: .venv/.installed-dev
 	$(BIN)/python -m pytest -n auto -m nightly --timeout 3600
-	CPCAL_PLANTED=20000 CPCAL_EXAMPLES=250 $(BIN)/python -m pytest -n auto tests/solver/test_planted.py tests/checker/valid/test_rule.py
+	CPCAL_PLANTED=20000 CPCAL_EXAMPLES=250 $(BIN)/python -m pytest -n auto --timeout 36000 tests/solver/test_planted.py tests/checker/valid/test_rule.py
 	mkdir -p build
 	$(BIN)/python -m benchmarks.damaged_runs --count 10000 --log build/damaged_runs.jsonl
 	$(BIN)/python -m benchmarks.kernel_soundness --pairs 10000000

@@ -340,9 +340,13 @@ def verified(folder: Path) -> tuple[list[str], dict[str, Any]]:
 
 
 def _stated(value: Any) -> Any:
-    """Without the information, and without certificates' rows that prove a claim: these are no claims."""
+    """Without the information, and without certificates' rows that prove a claim: these are no claims. A box's center
+    to 13 digits: what is claimed is the certificate's box, whose ends are those of center +-delta, rounded outward."""
     if isinstance(value, dict):
-        return {key: _stated(part) for key, part in value.items() if key not in (INFORMATION, "chains")}
+        said = {key: _stated(part) for key, part in value.items() if key not in (INFORMATION, "chains")}
+        if isinstance(center := said.get("center"), list):
+            said["center"] = [f"{v:.13g}" for v in center]
+        return said
     return [_stated(part) for part in value] if isinstance(value, list) else value
 
 

@@ -837,5 +837,6 @@ class Programs(ABC):
         if point is not None:
             u = np.zeros(len(box))  # 0 for variables without a column
             u[list(self.columns)] = point[list(self.columns.values())]
-            point = np.clip(box.mid + radius * u, left.lo, left.hi)
+            with np.errstate(over="ignore"):  # beside the ends of float64
+                point = np.clip(box.mid + radius * u, left.lo, left.hi)
         return Contraction(left, tuple(steps), point, count)
