@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
-
-from rich.text import Text
+from typing import TYPE_CHECKING, Literal
 
 from cpcal.cli.verbs import (
     Status,
@@ -54,6 +52,9 @@ from cpcal.solver.execution.checkpoint_file import FOLDER, Checkpoints
 from cpcal.solver.execution.executors import LostWorkerError, Place
 from cpcal.solver.execution.stopping import Reason, Stopped, asked, give_up
 
+if TYPE_CHECKING:
+    from rich.text import Text
+
 
 def warned(campaign: Campaign) -> Campaign:
     """The campaign; what looks mixed up is said on stderr before the work begins."""
@@ -85,7 +86,7 @@ def show(talk: Talk, *sections: Section) -> None:
         for table in section.tables:
             show_table(talk, table)
         for name, words in section.data.items():
-            talk.say(Text(f"{printable(name)}: ").append_text(text_of(words)))
+            talk.say(text_of([f"{name}: ", words]))
         talk.say(*map(text_of, section.notes if talk.verbose else ()))
         show(talk, *section.parts)
 
@@ -97,6 +98,8 @@ def show_table(talk: Talk, table: Table) -> None:
 
 
 def text_of(words: Words, style: str = "") -> Text:
+    from rich.text import Text  # here: a quiet command prints nothing
+
     if isinstance(words, str):
         return Text(printable(words), style=style)
     if isinstance(words, Mark):
@@ -117,7 +120,7 @@ def show_result(talk: Talk, campaign: Campaign, result: Result, model: LegModel)
     """The first screen of the page; with --verbose all of the answer."""
     if talk.quiet:
         return
-    title = Text(f"{printable(campaign.title)}: {result.campaign.measurements:,} measurements", style="bold")
+    title = text_of(f"{campaign.title}: {result.campaign.measurements:,} measurements", "bold")
     if (whole := overall(result)) is not None:
         title.append(f"; tolerance {stated(result.options.tolerance or 0.0)} mm: ")
         title.append(whole.word, style=STYLES[whole.kind])
