@@ -541,7 +541,7 @@ class ExactCampaign:
         Where it satisfies them at an eps, it does at a larger one, too, unless some leg is shorter than that.
         """
         (*x, eps), plain = point.x.box.lo, point.gain == point.one
-        key, readings = (leg, plain, *x, *rows), self._numbers[6 + leg :: 13 + 2 * self.legs]
+        key, readings = (leg, plain, tuple(x), tuple(rows)), self._numbers[6 + leg :: 13 + 2 * self.legs]
         if plain and self._met.get(key, eps + 1) <= eps <= F(min(readings)) + x[6]:
             return []
         wrong = [k for k in rows if not point.meets(self._pose(k), readings[k])]

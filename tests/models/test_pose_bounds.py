@@ -181,8 +181,7 @@ def test_the_cells_cover_the_workspace_and_bound_what_its_poses_attain(known):
     found = cover(space, known.sets, gap=0.3, tell=lambda lo, hi: seen.append((lo, hi)))
     assert found.complete
     assert all(cell.state.proved for cell in found.cells)
-    area = sum(np.prod(cell.box.width[:2]) for cell in found.cells)
-    assert area == pytest.approx(24.0**2)
+    assert sum(np.prod(cell.box.width[:2]) for cell in found.cells) == pytest.approx(24.0**2)
     assert found.at_position <= worst_of(found) <= 1.3 * found.at_position
     assert all(lo <= hi for lo, hi in seen)
     rng = np.random.default_rng(1)

@@ -94,8 +94,7 @@ def test_measured_centres_are_freed_of_their_bias() -> None:
     outlines = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, NOMINAL)
     half_width = 0.005  # the bias is four times as large
     boxes = PixelBoxes.around(ALL, outlines, half_width, of_images=True)
-    found = enclose_pose(boxes, DELTALAB_TARGET, DELTALAB_CAMERA)
-    assert NOMINAL in found
+    assert NOMINAL in enclose_pose(boxes, DELTALAB_TARGET, DELTALAB_CAMERA)
     biased = enclose_pose(PixelBoxes.around(ALL, outlines, half_width), DELTALAB_TARGET, DELTALAB_CAMERA)
     assert NOMINAL not in biased
 

@@ -94,10 +94,17 @@ def test_only_the_measurements_with_weights(verdict: Any, exact_proof: Any) -> N
 
 def test_what_a_point_meets_it_meets_at_a_larger_eps_while_legs_are_longer(exact_proof: Any) -> None:
     campaign, (*x, eps) = ExactCampaign(exact_proof.folder / "campaign.json"), map(F, exact_proof.point)
+
+    def met(model: str, first: int, *point: F) -> bool:
+        at = Unknowns(ExactBox(point, point), lambda _: None)
+        return not campaign.unmet(1, At(at, model, None), list(range(first, 12)))
+
     most = campaign.shortest(1) + x[6]
-    for one, met in ((eps, True), (2 * eps, True), (most, True), (most + 1, False), (eps / 2, False)):
-        at = Unknowns(ExactBox((*x, one), (*x, one)), lambda _: None)
-        assert (not campaign.unmet(1, At(at, "plain", None), list(range(12)))) is met
+    for one, good in ((eps, True), (2 * eps, True), (most, True), (most + 1, False), (eps / 2, False)):
+        assert met("plain", 0, *x, one) is good
+    for first in range(1, 9):  # what is known of a plain point says nothing of a lateral one, whose h is a row's number
+        assert met("plain", first, *x, eps)
+        assert not met("lateral", first + 1, *x, F(first), eps)
 
 
 def test_the_largest_numbers_and_degrees(verdict: Any, network_proof: Any) -> None:
@@ -239,8 +246,7 @@ def test_steps_that_are_too_large_for_the_checker_are_left_out(tmp_path: Path, m
         net, x, eps = network(x=(-1, 1), eps=(0, 8))
         net.add([x * x >= 4 - eps])
         found = net.minimize(eps, limits=cpcal.Limits(nodes=1), certificate=tmp_path / "c.jsonl")
-        claims = check(tmp_path / "c.jsonl").claims
-        assert float(claims.eps_lo) == found.lo
+        assert float(check(tmp_path / "c.jsonl").claims.eps_lo) == found.lo
         assert least <= found.lo <= 3.0 * (least > 0)
 
 

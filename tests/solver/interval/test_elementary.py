@@ -121,8 +121,7 @@ def test_constants_of_the_reductions() -> None:
         assert abs(arb.pi() / 2 - el.PIO2_1 - el.PIO2_2 - el.PIO2_3) < 2.0**-122
         assert el.PI[0] < arb.pi() < el.PI[1]
     for constant, bits in ((el.LN2_HI, 32), (el.PIO2_1, 33), (el.PIO2_2, 33)):
-        numerator = Fraction(constant).numerator
-        assert numerator.bit_length() <= bits
+        assert Fraction(constant).numerator.bit_length() <= bits
     assert el.FARTHEST * 2.0 / 3.14 < 2.0**20
 
 

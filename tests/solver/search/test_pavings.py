@@ -315,8 +315,7 @@ def test_an_interrupted_node_stays_pending(where: str) -> None:
         next(search)
     assert search.pending == before
     assert covered([node.box for node in search.pending])
-    rest = [event.contraction.box for event in search if event.kind is EventKind.KEPT]
-    assert covered(rest)
+    assert covered([event.contraction.box for event in search if event.kind is EventKind.KEPT])
 
 
 @pytest.mark.parametrize("order", [{}, {"priority": ORDERS["breadth"]}])
