@@ -7,7 +7,6 @@ from cpcal.cli.verbs import Status, Talk, Where, argument, check_writable, line,
 from cpcal.common.errors import ClashError, CpcalError, printable, refuse
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, nearest, stated
-from cpcal.models import leg_model
 from cpcal.problems.problem import Answer, answer, load_problem, sol_bytes
 from cpcal.solver import plugins as registry
 from cpcal.solver.contract import Limits, Verdict
@@ -95,6 +94,8 @@ def plugins() -> None:
 
     With exit status 2 where two packages register the same name: nobody can use it.
     """
+    from cpcal.models import leg_model  # here: a problem needs no model of a leg
+
     clashes, rows = [], []
     for group, what in registry.KINDS.items():
         for name, point in registry.found(group).items():

@@ -15,7 +15,6 @@ from itertools import chain
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
-from flint import Ordering, fmpz_mpoly_ctx, fmpz_mpoly_vec
 
 from cpcal.checker.polynomial import Terms
 from cpcal.common import numbers
@@ -285,6 +284,8 @@ def consequences(network: ConstraintNetwork) -> tuple[Constraint, ...]:
     longest, highest = max(map(len, given)), max(len(m) for m in chain.from_iterable(given))
     if longest > _TERMS or highest > _DEGREE:
         return ()
+    from flint import Ordering, fmpz_mpoly_ctx, fmpz_mpoly_vec  # here: few problems need it
+
     context = fmpz_mpoly_ctx.get([f"x{k}" for k in range(size)], Ordering.degrevlex)
     first: Any = fmpz_mpoly_vec([_whole(terms, context, size) for terms in given], context)
     basis, _ = first.buchberger_naive(limits=_LIMITS)
