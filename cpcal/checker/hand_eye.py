@@ -66,7 +66,7 @@ from .readers import (
 from .rule import Box, Problem, hitting_set
 
 STUDY_FORMAT = "cpcal-study/1"
-# 12 images of any rotation take 12,000,000 units
+# 12 images of any rotation take 9,000,000 units
 _WORK = 2 * WORK  # of a run: its units take half as long as those of legs
 _POINTS, _POINT_WORK, _MOST_POINTS = 10_000, 2_000, 20_000  # of a run: more for each point beyond so many
 _ERRORS_WORK = 2_000  # of a point: what its lens and its errors at two pairs of frames cost

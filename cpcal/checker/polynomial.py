@@ -92,7 +92,7 @@ def combined(parts: Iterable[tuple[int, Polynomial]], spend: Spend) -> Polynomia
     """The sum of whole multiples."""
     held, size = [], 0
     for factor, p in parts:
-        spend(50)
+        spend(20)
         size += p.size
         if size > MOST_HELD:
             raise too_many(MOST_HELD, "terms in a sum")

@@ -41,7 +41,7 @@ _IMPLIED = (1, 2, 4, 7, 8, 10)  # of a rotation's equations: right angles, which
 _BOXES, _FEW_BOXES = 256, 32  # where halves are sought; where their hull goes on
 COARSE = 0.5  # an entry of a rotation's matrix that is wider leaves its turn open
 _NARROW = COARSE / 2.0  # of the camera's: the board's middle alone bounds it to that
-_GAIN = {"image": 0.05, "links": 0.1, "places": 0.05, "frames": 0.05}  # share of the widths that a pass must take away
+_GAIN = 0.05  # share of the widths that a pass must take away; of large programs and in many boxes more
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,11 @@ class Prover:
             linked = name if uncertain else f"{name}-links"
             before = self._proof(linked, "links", before, eps, sorted(sets) or images, end)
         if before.open and not uncertain:
-            before = self._proof(f"{name}-places", "places", before, eps, images, end, _FEW_BOXES, _NARROW)
+            placed = self._proof(f"{name}-places", "places", before, eps, images, end, _FEW_BOXES, _NARROW)
+            if placed.left is not None and all(placed.left.hi[i] - placed.left.lo[i] >= COARSE for i in R_X):
+                # which bounds next to nothing less, and needs no check; all pixels say nothing yet
+                return before._replace(programs=placed.programs, timed=placed.timed)
+            before = placed
         if before.refuted or uncertain:
             return before
         return self._proof(name, "frames", before, eps, images, end)
@@ -223,17 +227,16 @@ class Prover:
             width = None if box is None else max(float(box.hi[i] - box.lo[i]) / 2 for i in _ROTATIONS)
             self.tell(f"{stage}: {'nothing is left' if width is None else f'rotations +-{at_most(width, 2)}'}")
 
-        columns: dict[str, tuple[Sequence[int], ...]] = {
-            "image": (range(12), range(9)),
-            "links": ((*_ROTATIONS, *T_X, *E_, *F_), _ROTATIONS, T_F),
-            "places": ((*R_X, *E_, *F_), R_X, (), R_F),
-            "frames": ((*_ROTATIONS, *E_, *F_), _ROTATIONS, (*T_F, *T_X)),
+        columns: dict[str, tuple[Any, ...]] = {
+            "image": ((range(12),), range(9)),
+            "links": (((*_ROTATIONS, *T_X, *E_, *F_),), _ROTATIONS, T_F),
+            "places": (((*R_X, *E_, *F_),), R_X, (), R_F),
+            "frames": ((R_F, (*R_X, *E_, *F_)), _ROTATIONS, (*T_F, *T_X)),
         }
-        gain = _GAIN[stage] * (1.0 if boxes == 1 else 2.0 if coarse else 4.0)  # in many boxes a pass must pay more
+        gain = _GAIN * (2.0 if coarse or stage == "links" else 1.0 if boxes == 1 else 4.0)
         system = System(rows, lifted, *columns[stage])
         first = System(rows, lifted, *columns["places"]) if stage == "frames" and boxes > 1 else None
-        # over the board's middle a pass takes a tenth of the time: all pixels wait for half of `_NARROW`
-        found = Descent(system, gain, boxes, coarse, end=end, tell=say, first=first, narrow=_NARROW / 2).over(rows.root)
+        found = Descent(system, gain, boxes, coarse, end=end, tell=say, first=first).over(rows.root)
         header = {
             "format": FORMAT, "study": self.digest, "stage": of, "images": list(images), "eps": number(eps),
             "asked": self.asked, "after": before.certificate, "poses": list(before.poses),

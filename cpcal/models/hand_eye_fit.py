@@ -529,11 +529,9 @@ def minimax_fit(model: PixelModel, at: ReadFrames, *, restarts: int = _RESTARTS)
     best, value = _descent(model, at, _TRUSTED)
     for attempt in range(restarts):
         again, lower = _descent(model, best, _TRUSTED * 0.2**attempt)
-        before = value
-        if lower < before:
-            best, value = again, lower
-        if before - lower <= 1e-12 * before:
+        if value - lower <= 1e-12 * value:
             break
+        best, value = again, lower
     return best, value
 
 

@@ -353,7 +353,7 @@ class _Search:
         def lifted(i: int, j: int) -> bool:
             return (i < 9 and j < 9) or i == j
 
-        system = System(rows, lifted, range(12), range(9), wrong=header["outliers"], owner=rows.dot_of)
+        system = System(rows, lifted, (range(12),), range(9), wrong=header["outliers"], owner=rows.dot_of)
         first = not header["after"]
         gain, loss = (_FIRST_GAIN, _FIRST_LOSS) if first else (_GAIN, _LOSS)
         found = Descent(system, gain, loss=loss).over(rows.root)

@@ -316,7 +316,7 @@ _SHARES = (0.0, 1e-4, 1e-2, 0.1)  # below eps_hi: tolerances that are tried for 
 _NEAR = (0.0, 1e-6, 1e-4, 1e-2)  # the same below the least error of a single image
 _BETWEEN = (0.95, 0.7, 0.4)  # of the way from there to eps_hi: what all images may refute
 _GROUP_SHARES = (0.999, 0.97, 0.9, 0.7)  # of the least error of the groups: what is tried to prove
-_NEAR_LIMIT = 60  # units of work a byte of certificates, twice what most take (12 to 25 were seen)
+_NEAR_LIMIT = 40  # units of work a byte of certificates, twice what most take (9 to 18 were seen)
 
 _Refuted = list[tuple[RefutedGroup, Proof]]
 

@@ -241,8 +241,8 @@ def test_no_stage_excludes_a_planted_truth(seed):
     assert (x <= np.array(left.hi[:24], float)).all()
 
 
-def test_the_boards_middle_bounds_the_cameras_turn_where_single_images_bound_none(monkeypatch):
-    """A board of 24 mm, 40 to 50 px wide, and errors of 6 px, all of which the truth needs; then no time is left."""
+def test_the_boards_middle_bounds_the_cameras_turn_where_single_images_bound_none():
+    """A board of 24 mm, 40 to 50 px wide, and errors of 6 px, all of which the truth needs."""
     found = simulate_hand_eye(setup="eye-to-hand", images=10, corners=(3, 3), pitch=12.0, pixel_error=4.0,
                               position_error=2.0, seed=1)  # fmt: skip
     center, truth = PlacedFrames.of(classical_answer(found.study).frames), PlacedFrames.of(found.truth)
@@ -251,7 +251,6 @@ def test_the_boards_middle_bounds_the_cameras_turn_where_single_images_bound_non
     assert eps > 6.0
     one = prover.over("", [0], eps).left
     assert min(np.subtract(one.hi[:9], one.lo[:9])) > 0.5
-    monkeypatch.setitem(frames._GAIN, "frames", 1.0)  # one pass and no more
     left, x = prover.over("", range(10), eps).left, unknowns_of(found.truth)
     assert (np.array(left.lo[:24], float) <= x).all()
     assert (x <= np.array(left.hi[:24], float)).all()
@@ -265,7 +264,7 @@ def test_halves_with_a_wide_turn_of_the_camera_ask_the_boards_middle_alone(monke
     study, center = found.study, PlacedFrames.of(found.truth)
     prover = Prover(study, center.numbers, 100.0, None, found.truth, lambda text: None)
     monkeypatch.setattr("cpcal.solver.certificate.prover._VAIN", -1)
-    monkeypatch.setitem(frames._GAIN, "frames", 1.0)
+    monkeypatch.setattr(frames, "_GAIN", 1.0)
     root, turn = prover.root, exact(found.truth.e_rotation.T.ravel())
     for i, value in zip(R_X, turn, strict=True):
         root = root.replaced(i, lo=max(root.lo[i], value - F(around)), hi=min(root.hi[i], value + F(around)))

@@ -276,6 +276,7 @@ _COARSELY = 0.02  # share of a row's largest coefficient: products below it are 
 _PAYS = 0.7  # median share of the widths that programs with few columns must leave, or less
 _NEGLIGIBLE = 0.003  # half-widths: programs that give away no more of products need no more columns
 _PASSES = 80
+_NARROW = 0.125  # of an entry: above it the `first` rows alone, whose passes take a tenth of the time
 _WIDE = 1.0  # of an entry of a rotation: columns of all products gain little in the next box where they did in this one
 _VAIN = 5  # halvings in a row after which passes gain little: the next one would hardly help; twice so many of `first`
 _NOTHING = 1e-99  # coefficients below it are none
@@ -287,42 +288,43 @@ class System:
 
     rows     by side and number, each at most zero at every solution: polynomials with whole coefficients
     lifted   which products may be columns
-    asked    the unknowns that are bounded; `derived`: those that are once, at the end, and say nothing of the others
+    groups   of the unknowns that are bounded: with all columns each in what the one before left; `derived`: those that
+             are once, at the end, and say nothing of the others
     turns    the unknowns that are entries of rotations
     without  unknowns whose rows are left out
     wrong    so many of what rows are of may be wrong, as `owner` says by side and number
     """
 
     def __init__(
-        self, rows: ModelRows, lifted: Callable[[int, int], bool], asked: Sequence[int],
+        self, rows: ModelRows, lifted: Callable[[int, int], bool], groups: Sequence[Sequence[int]],
         turns: Sequence[int], derived: Sequence[int] = (), without: Sequence[int] = (), *,
         wrong: int = 0, owner: Callable[[str, int], int | None] = lambda side, k: None,
     ) -> None:  # fmt: skip
-        self.problem, self.asked, self.turns, self.derived = rows.problem(free), asked, list(turns), derived
-        every, left_out = [(tag, rows.row(*tag)) for tag in rows.tags], set(without)
-        kept = [(tag, terms) for tag, terms in every if not any(left_out.intersection(m) for m in terms)]
-        self.tags, self.wrong, table, size = [tag for tag, _ in kept], wrong, [terms for _, terms in kept], rows.size
+        self.problem, self.groups, self.turns, self.derived = rows.problem(free), groups, list(turns), derived
+        self.asked = [i for group in groups for i in group]
+        every, left_out = {tag: rows.row(*tag) for tag in rows.tags}, set(without)
+        table = {tag: terms for tag, terms in every.items() if not any(map(left_out.intersection, terms))}
+        self.tags, self.wrong, size = list(table), wrong, rows.size
         self.owner = [owner(*tag) for tag in self.tags]
-        products = sorted({m for terms in table for m in terms if len(m) > 1})
+        products = sorted({m for terms in table.values() for m in terms if len(m) > 1})
         place = {m: k for k, m in enumerate([(), *((i,) for i in range(size)), *products])}
         values = np.zeros((len(table), len(place)))
-        for row, terms in zip(values, table, strict=True):
+        for row, terms in zip(values, table.values(), strict=True):
             unit = 1 << max((c.bit_length() for c in terms.values()), default=0)
             row[[place[m] for m in terms]] = [c / unit for c in terms.values()]
         self.constant, self.linear, self.products = values[:, 0], values[:, 1 : size + 1], values[:, size + 1 :]
         self.pairs = np.array(products, np.intp).reshape(-1, 2)
-        own = np.isin(self.pairs, list(derived)).any(axis=1)
-        self.main: Bools = np.logical_not(self.linear[:, list(derived)].any(axis=1) | self.products[:, own].any(axis=1))
-        self.lifted = np.array([lifted(int(i), int(j)) for i, j in self.pairs], np.bool_)
+        own = set(derived)
+        self.main = np.array([not any(map(own.intersection, terms)) for terms in table.values()], np.bool_)
+        self.lifted = np.array([lifted(*pair) for pair in products], np.bool_)
         self.square = self.pairs[:, 0] == self.pairs[:, 1]
 
     def centred(self, center: Floats, radius: Floats) -> tuple[Floats, Floats, Floats]:
         """Constants, linear and products in u, where x = center + radius u; constants less about what float64 may get
         wrong of them, which is all that matters in a tiny box."""
         i, j = self.pairs.T
-        spread = np.zeros((len(self.pairs), len(center)))
-        np.add.at(spread, (np.arange(len(i)), i), center[j])
-        np.add.at(spread, (np.arange(len(i)), j), center[i])
+        each = np.eye(len(center))
+        spread = each[i] * center[j, None] + each[j] * center[i, None]
         both = center[i] * center[j]
         constant = self.constant + self.linear @ center + self.products @ both
         size = np.abs(self.constant) + np.abs(self.linear) @ np.abs(center) + np.abs(self.products) @ np.abs(both)
@@ -359,12 +361,9 @@ class _Programs:
         self._bounds = bounds
         lower = -np.ones(self.width)
         lower[first:][system.square[chosen]] = 0.0
-        self.engine = Dense(
-            np.concatenate([above, matrix[kept] / self._scale[:, None]]),
-            np.concatenate([np.ones(len(bounds)), rhs[kept] / self._scale]),
-            lower,
-            np.ones(self.width),
-        )
+        matrix = np.concatenate([above, matrix[kept] / self._scale[:, None]])
+        rhs = np.concatenate([np.ones(len(bounds)), rhs[kept] / self._scale])
+        self.engine = {side: Dense(matrix, rhs, lower, np.ones(self.width)) for side in ("lo", "hi")}
 
     def weights(self, solution: LinearSolution, value: float) -> Proposed:
         first, multipliers = len(self._bounds), solution.multipliers
@@ -415,7 +414,7 @@ class Descent:
     then halves the widest entry of a rotation where it is wider than `coarse`, in at most so many `boxes`. With a
     `coarse` of 0 it seeks to prove that nothing is left, and ends where a box stays.
 
-    first  a few of the rows: these alone in a box where one of its turns is wider than `narrow`
+    first  a few of the rows: these alone in a box where one of its turns is wider than `_NARROW`
     loss   share of what is left of a width, given away for shorter numbers
     """
 
@@ -427,13 +426,12 @@ class Descent:
     end: float = math.inf
     tell: Callable[[ExactBox | None], None] = lambda box: None
     first: System | None = None
-    narrow: float = math.inf
     found: Contracted = field(init=False, default_factory=Contracted)
 
     def over(self, root: ExactBox) -> Contracted:
         """What is left of a box."""
         system, steps = self.system, self.found.steps
-        waiting, left, fresh = [(0, root, 0)], [], 1
+        waiting, fresh = [(0, root, 0)], 1
         while waiting:
             name, whole, vain = waiting.pop()
             box = self._passes(name, whole, vain)
@@ -443,30 +441,34 @@ class Descent:
             own = self._of(box)
             i, width = _widest(own, box)
             enough = vain > 2 * _VAIN if own is self.first else vain > _VAIN or width < self.coarse
-            if enough or fresh + 1 > 2 * self.boxes - 2 or time.monotonic() > self.end:
+            if enough or self._inside(box) or fresh >= 2 * self.boxes - 2 or time.monotonic() > self.end:
                 for share in (0.0, _COARSELY) if system.derived and steps else ():  # one side's programs may fail
                     box = None if box is None else self._once_over(system, name, box, share, system.derived)[0]
-                left += [] if box is None else [box]
-                if left and not self.coarse:
-                    break
+                if box is not None:
+                    left = self.found.left or box
+                    self.found.left = ExactBox(tuple(map(min, left.lo, box.lo)), tuple(map(max, left.hi, box.hi)))
+                    if not self.coarse:
+                        break
                 continue
             cut = F(round_down((box.lo[i] + box.hi[i]) / 2))
             steps.append({"split": name, "unknown": i, "at": number(cut), "into": [fresh, fresh + 1]})
             waiting += [(fresh, box.replaced(i, hi=cut), vain), (fresh + 1, box.replaced(i, lo=cut), vain)]
             fresh += 2
-        if left:
-            lo, hi = zip(*(box.lo for box in left), strict=True), zip(*(box.hi for box in left), strict=True)
-            self.found.left = ExactBox(tuple(map(min, lo)), tuple(map(max, hi)))
         return self.found
+
+    def _inside(self, box: ExactBox) -> bool:
+        """Whether what is asked of a box is known of it: the hull of what is left holds it."""
+        left = self.found.left
+        return left is not None and all(left.lo[i] <= box.lo[i] <= box.hi[i] <= left.hi[i] for i in self.system.asked)
 
     def _gained_little(self, before: ExactBox, after: ExactBox) -> bool:
         shares = _shares(before, after, self._of(before).asked)
-        return bool(np.exp(np.log(shares + 1e-9).mean()) > 1.0 - self.gain)
+        return self._inside(after) or bool(np.exp(np.log(shares + 1e-9).mean()) > 1.0 - self.gain)
 
     def _of(self, box: ExactBox) -> System:
         """The rows that count in a box."""
         first = self.first
-        return self.system if first is None or _widest(first, box)[1] < self.narrow else first
+        return self.system if first is None or _widest(first, box)[1] < _NARROW else first
 
     def _passes(self, name: int, box: ExactBox, vain: int) -> ExactBox | None:
         """What passes leave of a box, until one gains too little; `vain`: of the boxes before it, so many did."""
@@ -490,7 +492,9 @@ class Descent:
             return left
         if vain and _widest(system, left)[1] > _WIDE:
             return left
-        return self._once_over(system, name, left, 0.0, system.asked)[0]
+        for group in system.groups:
+            left = None if left is None else self._once_over(system, name, left, 0.0, group)[0]
+        return left
 
     def _once_over(
         self, system: System, name: int, box: ExactBox, share: float, asked: Sequence[int]
@@ -504,7 +508,7 @@ class Descent:
         self.found.programs += step.programs
         record = _record(step.rows, name, None, step.exclusion, step.bounds, families=system.wrong > 0)
         self.found.steps += [] if record is None else [record]
-        return left, step.given_away
+        return left, step.of_all.given_away
 
 
 class _Pass:
@@ -521,7 +525,7 @@ class _Pass:
         self._main = system.main | every
         self.rows: list[Row] = [(*tag, "") for tag in system.tags]
         self._rule = Rule(system.problem, box, self.rows, free)
-        self.programs, self.given_away = 0, 0.0
+        self.programs, self.of_all = 0, self._without(frozenset())
         self.bounds, self.exclusion = list[Bound](), list[Weights]()
 
     def left(self, asked: Sequence[int], loss: float) -> ExactBox | None:
@@ -532,8 +536,8 @@ class _Pass:
         proposed, ends = [], dict.fromkeys(asked, -2.0)  # less what is proposed
         with ThreadPoolExecutor(2) as threads:
             of_sides = list(threads.map(partial(self._families, asked, min(_WORTH, 2.0 * loss)), ("lo", "hi")))
-        for side, (families, programs, given_away) in zip(("lo", "hi"), of_sides, strict=True):
-            self.programs, self.given_away = self.programs + programs, given_away
+        for side, (families, programs) in zip(("lo", "hi"), of_sides, strict=True):
+            self.programs += programs
             for i, family in families:
                 value = min(part.value for part in family)
                 if value < math.inf:
@@ -555,18 +559,15 @@ class _Pass:
                 own[i] = kept
         return ExactBox(tuple(lo), tuple(hi)) if all(map(le, lo, hi)) else None
 
-    def _families(
-        self, asked: Sequence[int], worth: float, side: str
-    ) -> tuple[list[tuple[int, list[Proposed]]], int, float]:
-        """What proves bounds on a side whichever are wrong, up to an exclusion, the number of programs, and what those
-        of all rows give away of products."""
-        system, sign, known, count = self._system, 1.0 if side == "lo" else -1.0, {}, 0
+    def _without(self, wrong: frozenset[int]) -> _Programs:
+        """Programs without the rows of some."""
+        rows = self._main & [owner not in wrong for owner in self._system.owner]
+        return _Programs(self._system, self._center, self._radius, self._share, rows)
 
-        def programs(without: frozenset[int]) -> _Programs:
-            if without not in known:
-                right = np.array([owner not in without for owner in system.owner], np.bool_)
-                known[without] = _Programs(system, self._center, self._radius, self._share, self._main & right)
-            return known[without]
+    def _families(self, asked: Sequence[int], worth: float, side: str) -> tuple[list[tuple[int, list[Proposed]]], int]:
+        """What proves bounds on a side whichever are wrong, up to an exclusion, and the number of programs."""
+        system, sign, count = self._system, 1.0 if side == "lo" else -1.0, 0
+        known = {frozenset[int](): self.of_all}
 
         def family(i: int, solution: LinearSolution, without: frozenset[int], wrong: int) -> list[Proposed] | None:
             """Such that no few that may be wrong have weights in all of it. None: it is of no use."""
@@ -579,32 +580,32 @@ class _Pass:
                 return None
             if value < worth - 1.0:
                 return None
-            found = [programs(without).weights(solution, value)]
+            found = [known[without].weights(solution, value)]
             owners = {system.owner[n] for n in found[0].rows} if wrong else set()
             for more in (without | {owner} for owner in sorted(k for k in owners if k is not None)):
-                others = programs(more)
-                part = family(i, others.engine.minimize(sign * (np.arange(others.width) == i)), more, wrong - 1)
+                others = known[more] = known.get(more) or self._without(more)
+                part = family(i, others.engine[side].minimize(sign * (np.arange(others.width) == i)), more, wrong - 1)
                 if part is None:
                     return None
                 found += part
             return found
 
-        of_all, out = programs(frozenset()), []
-        wide = [i for i in asked if self._radius[i] != 0.0]
-        objectives = sign * (np.arange(of_all.width) == np.array(wide, np.intp)[:, None])
-        for k, solution in of_all.engine.each(objectives, np.array(wide, np.intp)):
-            if (found := family(wide[k], solution, frozenset(), system.wrong)) is not None:
-                out.append((wide[k], found))
+        of_all, out = self.of_all, []
+        wide = np.array([i for i in asked if self._radius[i] != 0.0], np.intp)
+        for k, solution in of_all.engine[side].each(sign * (np.arange(of_all.width) == wide[:, None]), wide):
+            i = int(wide[k])
+            if (found := family(i, solution, frozenset(), system.wrong)) is not None:
+                out.append((i, found))
                 if min(part.value for part in found) == math.inf:
                     break
-        return out, count, of_all.given_away
+        return out, count
 
     def _proved(
         self, i: int, side: str, family: Sequence[Proposed], loss: float
     ) -> list[tuple[F | None, Weights]] | None:
         """What each of a family proves at least, and by what: None for an exclusion, which proves any bound; and None
         where one proves nothing."""
-        center, radius = float(self._rule.x.center(i)), float(self._rule.x.radius(i))
+        center, radius = float(self._center[i]), float(self._radius[i])
         out: list[tuple[F | None, Weights]] = []
         for one in family:
             if one.value == math.inf:
