@@ -77,8 +77,7 @@ class PooledSolutions(SolutionLoader):  # type: ignore[misc]
         pairs = zip(self._variables, self._points[self._chosen], strict=True)
         return ComponentMap((v, value) for v, value in pairs if wanted is None or id(v) in wanted)
 
-    def load_solution(self) -> None:
-        self.load_vars()
+    load_solution = SolutionLoader.load_vars  # there are no multipliers for a model's suffixes
 
 
 @SolverFactory.register("cpcal", doc="Global optima and all solutions, proved by interval arithmetic")

@@ -555,9 +555,12 @@ def _not_least_squares(study: HandEyeStudy, found: HandEyeResult) -> str:
     """Why the box's centre is not the least-squares answer of the images that the point explains; empty if it is."""
     kept = [k for k, name in enumerate(study.images) if name not in found.left_out]
     try:
-        answer = classical_answer(replace(study, known=found.asked.known).part(np.array(kept)))
+        with np.errstate(all="ignore"):
+            answer = classical_answer(replace(study, known=found.asked.known).part(np.array(kept)))
     except InputError as error:  # what a study must be for its answer to be computed again
         return str(error.problems[0])
+    except np.linalg.LinAlgError:
+        return "no least squares are found of such numbers"
     turn, place = np.sqrt(np.diagonal(answer.covariance)).reshape(2, 2, 3).max(axis=(0, 2))
     near = F(_APART * min(place, found.asked.reach) + _ROUNDING), F(np.degrees(_APART * min(turn, 1.0) + _ROUNDING))
     if not holds(PlacedFrames.of(answer.frames).numbers, found.asked.center.numbers, *near):

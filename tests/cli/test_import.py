@@ -36,8 +36,7 @@ def log(tmp_path):
 
 
 def test_what_is_imported_is_what_was_measured(tmp_path, log):
-    outcome = run("import", log, *LIKE_THIS, "-o", tmp_path / "campaign")
-    assert "Next: cpcal check" in outcome.stdout
+    assert "Next: cpcal check" in run("import", log, *LIKE_THIS, "-o", tmp_path / "campaign").stdout
     campaign = cpcal.load_campaign(tmp_path / "campaign")
     assert_allclose(campaign.position, TRUE.position, atol=1e-6)
     assert_allclose(campaign.length, TRUE.length, atol=1e-8)

@@ -215,5 +215,4 @@ def test_legs_that_nobody_asked_about_are_named(run: Path) -> None:
     assert sentence in done("verify", run)
     done("report", run)
     assert sentence in (run / "report.html").read_text(encoding="utf-8")
-    exported = json.loads(done("export", run, "--format", "json"))
-    assert exported["missing_legs"] == [3, 4, 5, 6]
+    assert json.loads(done("export", run, "--format", "json"))["missing_legs"] == [3, 4, 5, 6]

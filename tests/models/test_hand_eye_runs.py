@@ -480,6 +480,11 @@ def test_certificates_of_another_study_are_refused(exact_run, refused, place):
     refused(exact_run.folder, "study.json", change, "ranges", "the study is another one: its SHA-256 differs")
 
 
+def test_a_study_of_which_least_squares_find_nothing_is_refused(exact_run, refused):
+    change = put("images", 0, 4, to=-1e200)
+    refused(exact_run.folder, "study.json", change, "centre", "no least squares are found of such numbers")
+
+
 @pytest.mark.parametrize("camera", LENSES)
 def test_undistorted_pixels_that_the_lens_moves_elsewhere_are_refused(exact_run, tmp_path, camera):
     shutil.copytree(exact_run.folder, tmp_path / "run")

@@ -66,8 +66,7 @@ def test_readings_must_serve_all_constraints_at_once(shared: bool) -> None:
     net.add(x == r)
     if shared:
         net.add(x == 1 - r)
-    box = Box(net.names, [0.25], [0.375])
-    assert Inside(net)(box) is not shared
+    assert Inside(net)(Box(net.names, [0.25], [0.375])) is not shared
 
 
 def test_no_value_between_those_of_a_jump_is_taken() -> None:

@@ -306,7 +306,6 @@ def test_long_expressions_go_through_pickle_and_copy() -> None:
     assert again.digest == total.digest
     assert copy.deepcopy(total) is total
     net.add(again <= 0)
-    other = pickle.loads(pickle.dumps(net))
-    assert other.digest == net.digest == copy.deepcopy(net).digest
+    assert pickle.loads(pickle.dumps(net)).digest == net.digest == copy.deepcopy(net).digest
     for contractor in (HC4(net), Lifted(net)):
         assert (-1.0,) in pickle.loads(pickle.dumps(contractor)).contract(net.domain).box
