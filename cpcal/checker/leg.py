@@ -203,10 +203,9 @@ def leg_problem(
 
     def at(x: Unknowns, points: Sequence[tuple[int, str]], factor: F | None) -> int | None:
         point, places = At(x.first(n), model, factor), [k for k, _ in points if k < count]
+        wrong: Iterable[int] = (k for k, signs in points[: len(places)] if not point.holds(known(k), signs))
         if exact is not None:
             wrong = exact(point, places)
-        else:
-            wrong = [k for k, signs in points[: len(places)] if not point.holds(known(k), signs)]
         of_forms = (k for k, _ in points[len(places) :] if not stated[k - count].on(x.images).held)
         return next(chain(wrong, of_forms), None)
 

@@ -79,8 +79,7 @@ def check_kind(folder: Path, head: str, *, work: int = 0) -> list[tuple[bool, st
     """For each statement of a run of one of the other KINDS whether it is accepted, and a sentence; what checks it is
     loaded for such a run only. Raises Unusable, Refused for the whole."""
     module, name = KINDS[head]
-    found: list[tuple[bool, str]] = getattr(import_module(f".{module}", __package__), name)(folder, work=work)
-    return found
+    return list(getattr(import_module(f".{module}", __package__), name)(folder, work=work))
 
 
 def answer(checks: Iterable[Callable[[], object]], there: Any) -> None:

@@ -205,8 +205,11 @@ class Talk:
 
     def say(self, *lines: str | Text, style: str | None = None) -> None:
         """Lines of the answer."""
-        for line in () if self.quiet else lines:
-            self.console(stderr=False).print(line, style=style, soft_wrap=True)
+        if self.quiet:
+            return
+        out = self.console(stderr=False)
+        for line in lines:
+            out.print(line, style=style, soft_wrap=True)
 
     def table(self, head: Sequence[str], rows: Iterable[Sequence[str | Text]], left: Sequence[int] = (0,)) -> None:
         """A table; the columns `left` are text, the others numbers."""
