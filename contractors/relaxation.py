@@ -300,8 +300,8 @@ def scaled(rows: Floats, rhs: Floats) -> tuple[Indices, Floats]:
         for k in range(count):
             largest[k] = max(largest[k], abs(rows[m, k]))
     for k in range(count):
-        exponents[k] = min(max(math.frexp(largest[k])[1], -900), 900) if np.isfinite(largest[k]) else 0
-        largest[k] = math.ldexp(1.0, -exponents[k])
+        exponent = min(max(math.frexp(largest[k])[1], -900), 900) if np.isfinite(largest[k]) else 0
+        exponents[k], largest[k] = exponent, math.ldexp(1.0, -exponent)
     for m in range(size):
         for k in range(count):
             value = rows[m, k] * largest[k]
