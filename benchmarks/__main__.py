@@ -34,7 +34,7 @@ def leg(number: int = 1, error: float = 1, count: int = 64, delta: float = 100, 
     return f"leg{number}-e{error:g}-n{count}-d{delta:g}{'-u' if uncertain else ''}"
 
 
-_PEERS = (*OURS, "gurobi", "scip", "least-squares")
+_PEERS = (*OURS, "gurobi", "scip", "codac", "least-squares")
 _LEGS = [leg(k, count=n, uncertain=uncertain) for uncertain, n, k in product((False, True), SIZES, (1, 5))]
 _KINDS = [leg(delta=d) for d in (1, 10, 100, 1000)] + [leg(error=0), leg(error=10), leg(5, error=10), leg(count=704)]
 _WHOLE = ("certify-1e-06", "prove-1e-06")

@@ -10,6 +10,7 @@ The coefficients are rounded to doubles, so that no answer is certified for the 
 """
 
 import gc
+import heapq
 import json
 import os
 import sys
@@ -303,6 +304,42 @@ class Scip(_Peer):
         return work
 
 
+class Codac(_Peer):
+    """CtcInverse, with its centred form, of each side of each equation; the search is ours: best first by eps."""
+
+    guarantee, package = "rigorous, rounded data", "codac"
+
+    def work(self, leg: Leg, question: TaskQuestion) -> Work:
+        import codac
+
+        def work() -> MethodAnswer:
+            campaign, eps, wanted = leg.campaign, question.eps, 1.0 - question.task.value
+            x, sides, nodes, end = codac.VectorVar(8), [], 0, time.monotonic() + question.limit
+            turns, lengths = rotation_matrix(campaign.quaternion).tolist(), campaign.length[:, leg.leg - 1].tolist()
+            for p, r, length in zip(campaign.position.tolist(), turns, lengths, strict=True):
+                v = [p[i] + r[i][0] * x[3] + r[i][1] * x[4] + r[i][2] * x[5] - x[i] for i in range(3)]
+                g = codac.sqrt(codac.sqr(v[0]) + codac.sqr(v[1]) + codac.sqr(v[2])) - x[6] - length
+                sides += [codac.CtcInverse(codac.AnalyticFunction([x], s * g - x[7]), [-np.inf, 0.0]) for s in (1, -1)]
+            error = [0.0, leg.longest] if eps is None else [eps, eps]
+            start = codac.IntervalVector([*np.stack([leg.box.lo, leg.box.hi], axis=1).tolist(), error])
+            queue, hi = [(0.0, 0, start)], np.inf
+            while queue and queue[0][0] < hi * wanted and time.monotonic() < end:
+                box, nodes = heapq.heappop(queue)[2], nodes + 1
+                box[7] &= codac.Interval(0.0, hi)
+                for side in sides:
+                    side.contract(box)
+                if eps is None and not box.is_empty():  # the first midpoint is the least-squares fit
+                    hi = min(hi, float(np.abs(model_residuals(campaign, leg.leg, np.ravel(box.mid())[:7])).max()))
+                widest = int(np.argmax(np.ravel(box.diam())[:7]))
+                for k, half in enumerate(() if box.is_empty() else box.bisect(widest)):
+                    heapq.heappush(queue, (float(half[7].lb()), 2 * nodes + k, half))
+            lo = min([hi, *(low for low, *_ in queue[:1])])  # infinite where a given eps is refuted
+            figures = {"nodes": float(nodes)} | ({"lo": lo, "hi": hi} if eps is None else {})
+            return MethodAnswer(lo >= hi * wanted, figures, f"own search, {len(queue)} boxes left")
+
+        return work
+
+
 class LeastSquares(_Peer):
     """cpcal's own fit, from the nominal parameters."""
 
@@ -319,7 +356,7 @@ class LeastSquares(_Peer):
         return work
 
 
-PEERS: dict[str, Callable[[], Method]] = {"scip": Scip, "gurobi": Gurobi, "least-squares": LeastSquares}
+PEERS: dict[str, Callable[[], Method]] = {"scip": Scip, "gurobi": Gurobi, "codac": Codac, "least-squares": LeastSquares}
 
 
 def method(name: str) -> Method:

@@ -36,7 +36,7 @@ KINDS = {
     "prove": "the same, a certificate written and checked in exact arithmetic",
 }
 REFERENCE, MINIMISE = "lifted", "minimise-1e-06"  # brackets eps* where a task needs to know it
-PACKAGES = ("cpcal", "numpy", "scipy", "numba", "python-flint", "pyscipopt", "gurobipy")
+PACKAGES = ("cpcal", "numpy", "scipy", "numba", "python-flint", "codac", "pyscipopt", "gurobipy")
 ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "VECLIB_MAXIMUM")}
 _SETUP, _REFERENCE_LIMIT = 300.0, 300.0  # seconds at most, for imports and the problem; for a bracket of eps*
 NEARLY = 0.95  # who gives up this close to the limit gave up because of it

@@ -76,8 +76,7 @@ def run(name: str, limit: float) -> ProblemRow:
         left = len(solutions) - proved
         said, text = f"{known['solutions']} solutions", f"{proved} proved" + (f", {left} boxes open" if left else "")
         complete = found.verdict is not Verdict.UNKNOWN and proved == known["solutions"] and not left
-    source = found.best or found.paving
-    method = "" if source is None else source.method
+    method = getattr(found.best or found.paving, "method", "")
     rows = sum(math.prod(c.body.shape) for c in problem.network.constraints)
     size = len(problem.network.names)
     ibex = str(known.get("ibex", ""))
@@ -93,22 +92,20 @@ def literature() -> dict[str, dict[str, Any]]:
 def page(rows: list[ProblemRow], limit: float) -> str:
     """The table, misses first in words."""
     missed = [row.name for row in rows if not row.complete]
-    done = f"{len(rows) - len(missed)} of {len(rows)} complete"
     lines = [
         "# Classic problems", "",
         f"`python -m benchmarks.solver_problems --limit {limit:g} --page`: `solve()` and `minimize()` without options,",
         f"{limit:g} s of processor time each, one process, {platform.machine()}, Python {platform.python_version()}.",
         "Each row says when it was run (UTC) and the load of the machine then: with other work wall time is longer,",
         "and processor time, too, by a third or so.", "",
-        f"{done}. Misses: {', '.join(missed) or 'none'}.", "",
+        f"{len(rows) - len(missed)} of {len(rows)} complete. Misses: {', '.join(missed) or 'none'}.", "",
         "ibex was not run: the column has what github.com/ibex-team/ibex-lib publishes: doc/solver.rst",
         "(kin1), or the folder of benchs/optim in which it keeps the problem; empty where it publishes nothing.", "",
         "| problem | unknowns | rows | literature | proved | complete | nodes | s | processor s | ibex | run |",
         f"|{' --- |' * 11}",
     ]  # fmt: skip
     for r in rows:
-        word = "yes" if r.complete else "no"
-        cells = (r.name, r.unknowns, r.constraints, r.literature, r.found, word, r.nodes)
+        cells = (r.name, r.unknowns, r.constraints, r.literature, r.found, "yes" if r.complete else "no", r.nodes)
         lines.append(f"| {' | '.join(map(str, cells))} | {r.seconds:.2f} | {r.processor:.2f} | {r.ibex} | {r.when} |")
     return "\n".join(lines) + "\n"
 

@@ -134,7 +134,7 @@ def rounded_root(m: float, n: int, up: bool) -> float:
         return m if up else min(m, MAX)
     mantissa, exponent = math.frexp(m)
     q = int(exponent / n)
-    m = math.ldexp(mantissa, exponent - n * q)  # times 2^(n q) exactly; its powers neither underflow nor overflow
+    m = math.ldexp(mantissa, int(exponent - n * q))  # times 2^(n q) exactly; its powers neither underflow nor overflow
     bound, step = math.exp(math.log(m) / n), 2.0 * PHI
     while step < 1.0:
         bound = bound + bound * step if up else bound - bound * step
