@@ -26,7 +26,7 @@ import cpcal, numpy as np, sys
 assert "numba" not in sys.modules
 net = cpcal.Network()
 x = net.variable("x", 2, (-3.0, 3.1))
-net.add([x[0] ** 2 + x[1] ** 2 == 4, np.exp(x[0]) == x[1] + 1])
+net.add([x[0] ** 2 + x[1] ** 2 == 4, np.exp(x[0]) == x[1] + 1, x[0] ** 3 <= 9])
 paving = net.solve(contractors=["hc4", "newton"])
 print([(s.verdict.name, s.box.lo.tolist(), s.box.hi.tolist()) for s in paving.solutions], paving.nodes)
 print(cpcal.certify(cpcal.simulate(seed=1, joint_error=1.0, factor=0.0), legs=[1], support="none").legs[0].bracket)
