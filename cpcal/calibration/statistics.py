@@ -100,8 +100,7 @@ def grouped(configuration: Sequence[Hashable], *, repeated: bool = True) -> tupl
     group = np.array([number.setdefault(name, len(number)) for name in configuration], np.int64)
     if repeated and len(number) == len(group):
         what = f"holds each of its {len(group)} configurations once"
-        remedy = "measure configurations several times: pose repeats, run differs"
-        raise unusable("table of repeats", what, remedy)
+        raise unusable("table of repeats", what, "measure configurations several times: pose repeats, run differs")
     return group, tuple(str(name) for name in number)
 
 

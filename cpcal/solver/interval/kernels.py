@@ -151,7 +151,8 @@ Bounds = tuple[float, float]
 
 Arrays = tuple[Floats, Floats]  # the bounds of many
 
-EMPTY, LINE, ONE = (math.nan, math.nan), (-math.inf, math.inf), (1.0, 1.0)
+EMPTY, LINE = (math.nan, math.nan), (-math.inf, math.inf)
+ONE = (np.float64(1.0),) * 2  # numbers of numpy: plain Python divides them by zero, too
 
 
 @compiled
