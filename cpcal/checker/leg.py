@@ -6,9 +6,10 @@ from array import array as array_of
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from hashlib import sha256
 from itertools import chain, repeat
+from math import hypot, nan
 from operator import add, mul
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -160,9 +161,9 @@ PARAMETERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 EXTRA = {"plain": (), "gain": ("s",), "lateral": ("h",)}
 _SURE, AXES = ("plain", "lateral"), range(3)
 _KEPT = 4096  # measurements
-_MOST_POSES, _SHORT = 1 << 15, 128  # poses that are kept, with numbers of so many bits behind the point
-# of a measurement at a point, of one that is exact, and of bits times bits of its longest number a part
-POINT_WORK, _EXACT_WORK, _POINT_BITS = 300, 50, 16
+# of a measurement at a point, in float64 where it is exact, and of bits times bits of its longest number a part
+POINT_WORK, _FLOAT_WORK, _POINT_BITS = 300, 10, 16
+_FAR = 2**60  # mm: no point so far away is computed in float64
 _BATCH, _HELD = 256, 16 << 20  # measurements at once; bytes, about, that what is formed for them takes meanwhile
 
 
@@ -186,7 +187,7 @@ def leg_problem(
     model: str,
     only: tuple[int, ...] | None,
     forms: Sequence[Polynomial] = (),
-    exact: Callable[[At, list[int]], list[int]] | None = None,
+    exact: Callable[[At, Sequence[int]], Iterable[int]] | None = None,
 ) -> Problem:
     """`count` measurements of a leg, or `only` those. The `forms`, polynomials in its unknowns, are unknowns too; that
     each is equal to its polynomial is a constraint beyond the measurements. `exact`: where all are exact, those of
@@ -203,9 +204,8 @@ def leg_problem(
 
     def at(x: Unknowns, points: Sequence[tuple[int, str]], factor: F | None) -> int | None:
         point, places = At(x.first(n), model, factor), [k for k, _ in points if k < count]
-        wrong: Iterable[int] = (k for k, signs in points[: len(places)] if not point.holds(known(k), signs))
-        if exact is not None:
-            wrong = exact(point, places)
+        each = (k for k, signs in points[: len(places)] if not point.holds(known(k), signs))
+        wrong = each if exact is None else exact(point, places)
         of_forms = (k for k, _ in points[len(places) :] if not stated[k - count].on(x.images).held)
         return next(chain(wrong, of_forms), None)
 
@@ -232,21 +232,12 @@ class LegConstraint:
         return self.model in _SURE
 
 
-class Pose(NamedTuple):
-    """What a pose (q, P) gives to |q|^2 |P + R b - a|^2, which is an inner product with what `At` gives to it."""
-
-    power: int  # p: numbers are whole over 2 ** p, and those in `parts` over 2 ** (4 p)
-    n: int  # |q|^2
-    parts: tuple[int, ...]  # with 1, -2 a, 2 b, |a|^2 + |b|^2 - h, -2 a_i b_j
-
-    @staticmethod
-    def of(pose: Sequence[float]) -> Pose:
-        """Of a quaternion and a position."""
-        (*q, x, y, z), p = dyadics(pose)
-        n, turn, place = inner(q, q), rotation_rows(q), (x, y, z)
-        parts = [n * inner(place, place), *(n * v << p for v in place)]
-        parts += [inner(column, place) << p for column in zip(*turn, strict=True)]
-        return Pose(p, n, (*parts, n << 2 * p, *(v << 2 * p for row in turn for v in row)))
+def placed(x: float, y: float, z: float, *quaternion: float) -> tuple[float, ...]:
+    """P and R(q) in float64, an entry of R at most 2^-49 off; not a number where the square of q may be too large."""
+    norm = hypot(*quaternion)
+    norm = norm if 1e-9 < norm < 1e9 else nan
+    first, second, third = rotation_rows([v / norm for v in quaternion])
+    return (x, y, z, *first, *second, *third)
 
 
 class At:
@@ -262,23 +253,6 @@ class At:
         self.a, self.b, self.one = ab[:3], ab[3:], 1 << x.at.power
         self.gain = self.one + extra[0] if model == "gain" else self.one
         self.h = extra[0] if model == "lateral" else 0
-        doubled = [*(-2 * self.one * v for v in self.a), *(2 * self.one * v for v in self.b)]
-        sizes = inner(ab, ab) - self.one * self.h
-        self.parts = (self.one * self.one, *doubled, sizes, *(-2 * i * j for i in self.a for j in self.b))
-
-    def meets(self, pose: Pose, reading: float) -> bool:
-        """A measurement whose reading is exact."""
-        p, n, parts = pose
-        above, below = reading.as_integer_ratio()
-        power = below.bit_length() - 1
-        unit = max(p, power)  # of the reading
-        read, offset, off = above << unit - power, self.offset << unit, self.eps << unit
-        length, square = self.gain * read + offset, sum(map(mul, parts, self.parts)) << 2 * (unit - p)
-        self.x.spend(_EXACT_WORK + (square.bit_length() ** 2 >> _POINT_BITS))
-        high, low = length + off, length - off
-        if not 0 <= off <= self.one * read + offset or high < 0 or (self.factor is not None and low < 0):
-            return False
-        return 0 <= square <= n * high * high and (low <= 0 or n * low * low <= square)
 
     def holds(self, m: Measurement, signs: str) -> bool:
         """One whose reading its signs name.
@@ -286,8 +260,6 @@ class At:
         Numbers are whole, over one power of two; a product of k of them is of degree k, and so are sums of these. See
         docs/certificate-format.md, "The claims", for every name here.
         """
-        if not m.uncertain:
-            return self.meets(Pose.of(m.given[:7]), m.given[7])
         factor, at = self.factor, self.x.at
         given, radii, (above, below) = dyadics(m.given), dyadics(m.radii), (factor or F(1)).as_integer_ratio()
         p = max(given.power, radii.power + below.bit_length(), at.power)
@@ -484,8 +456,6 @@ class ExactCampaign:
         self.place: dict[str, int] = {}  # number of each measurement by its name, pose/run
         self._numbers = array_of("d")
         self._shortest: dict[int, F] = {}
-        self._poses: dict[int, Pose] = {}
-        self._met: dict[tuple[Any, ...], F] = {}  # the least eps at which some are met, by leg, point, rows
         try:
             given = content(path, _LARGEST)
             self.sha256 = sha256(given).hexdigest()
@@ -526,33 +496,45 @@ class ExactCampaign:
         given = (*numbers[3:7], *numbers[:3], numbers[6 + leg])
         return Measurement(given, (*numbers[first : first + 6], numbers[first + 5 + leg]))
 
-    def _pose(self, k: int) -> Pose:
-        found = self._poses.get(k)
-        if found is None:
-            found = Pose.of(self.measurement(k, 1).given[:7])
-            if len(self._poses) < _MOST_POSES and found.power < _SHORT:
-                self._poses[k] = found
-        return found
+    @cached_property
+    def _placed(self) -> tuple[float, list[tuple[float, ...]]]:
+        """No |P_x| + |P_y| + |P_z| is larger; and of each measurement P and R, in float64."""
+        columns = [self._numbers[j :: 13 + 2 * self.legs] for j in range(7)]
+        return 2 * max(map(hypot, *columns[:3])), list(map(placed, *columns))
 
-    def unmet(self, leg: int, point: At, rows: list[int]) -> list[int]:
+    def unmet(self, leg: int, point: At, rows: Sequence[int]) -> Iterator[int]:
         """Of rows, all exact, those that a point does not satisfy.
 
-        Where it satisfies them at an eps, it does at a larger one, too, unless some leg is shorter than that.
+        Few are in doubt in float64: only these are computed exactly. With u = 2^-53, or 2^-52 where rounding is not to
+        nearest, an entry of R is at most 16 u off, a component of P + R b - a 24 u times `size`, and what is compared
+        200 u times its square.
         """
-        (*x, eps), plain = point.x.box.lo, point.gain == point.one
-        key, readings = (leg, plain, tuple(x), tuple(rows)), self._numbers[6 + leg :: 13 + 2 * self.legs]
-        if plain and self._met.get(key, eps + 1) <= eps <= F(min(readings)) + x[6]:
-            return []
-        wrong = [k for k in rows if not point.meets(self._pose(k), readings[k])]
-        if not wrong:
-            self._met[key] = eps
-        return wrong
+        point.x.spend(_FLOAT_WORK * len(rows))
+        (*x, eps), doubtful = point.x.box.lo, rows
+        if 0 <= eps <= self.shortest(leg) + x[6] and max(map(abs, point.x.box.lo)) < _FAR:
+            far, poses = self._placed
+            readings, doubtful = self._numbers[6 + leg :: 13 + 2 * self.legs], list[int]()
+            a1, a2, a3, b1, b2, b3, offset, *_ = own = list(map(float, x))
+            gain, h, off = point.gain / point.one, point.h / point.one, float(eps)
+            size = 1 + far + sum(map(abs, own)) + off + (2 + abs(gain)) * max(max(readings), abs(offset))
+            doubt = size * size * 2.0**-43
+            for k in rows:
+                v1, v2, v3, r11, r12, r13, r21, r22, r23, r31, r32, r33 = poses[k]
+                v1 += r11 * b1 + r12 * b2 + r13 * b3 - a1
+                v2 += r21 * b1 + r22 * b2 + r23 * b3 - a2
+                v3 += r31 * b1 + r32 * b2 + r33 * b3 - a3
+                square, length = v1 * v1 + v2 * v2 + v3 * v3 - h, gain * readings[k] + offset
+                low, high = length - off, length + off
+                if not (doubt <= low and low * low + doubt <= square <= high * high - doubt):
+                    doubtful.append(k)
+        return (k for k in doubtful if not point.holds(self.measurement(k, leg), "0" * READINGS))
 
     def shortest(self, leg: int) -> F:
         """Of all lengths that the readings of a leg may stand for."""
         if leg not in self._shortest:
-            every = (self.measurement(k, leg) for k in range(len(self)))
-            self._shortest[leg] = min(F(m.given[-1]) - F(m.radii[-1]) for m in every)
+            lengths, widths = (self._numbers[first + leg :: 13 + 2 * self.legs] for first in (6, 12 + self.legs))
+            ends = [(min(lengths), 0)] if self.exact else zip(lengths, widths, strict=True)
+            self._shortest[leg] = min(F(length) - F(width) for length, width in ends)
         return self._shortest[leg]
 
 

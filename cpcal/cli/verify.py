@@ -197,8 +197,8 @@ def verify(
 
     Every number that the run's result.json states must be claimed by a certificate, and every certificate must be
     accepted; a leg that is not certified is named. The checker forms every polynomial again from the campaign's
-    numbers, or from the constraints that the certificate states, in exact rational arithmetic; it uses no solver and no
-    rounding. docs/certificate-format.md says what a certificate claims and when it is accepted.
+    numbers, or from the constraints that the certificate states, in exact rational arithmetic; it uses no solver, and
+    rounds nothing but outward. docs/certificate-format.md says what a certificate claims and when it is accepted.
     """
     said = []
     for one in chain(

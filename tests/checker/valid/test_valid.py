@@ -8,6 +8,7 @@ import sys
 import tracemalloc
 from dataclasses import replace
 from fractions import Fraction as F
+from math import isqrt
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from cpcal.files.folders import save_campaign_json
 from cpcal.models import leg_statement
 from cpcal.models.leg import leg_readings
 from cpcal.questions import save_result
-from cpcal.solver.certificate.exact_network import network_statement, number
+from cpcal.solver.certificate.exact_network import free, network_statement, number
 from cpcal.solver.certificate.prover import claims
 from cpcal.solver.certificate.recording import Recording, UncertifiedError, claims_of
 from cpcal.solver.contract import Contraction, Limits
@@ -32,7 +33,7 @@ from cpcal.solver.interval import Box
 from cpcal.solver.optimize.bound import minimize, run
 from cpcal.solver.search.search import Decision, Event, EventKind, Node
 from tests.checker.proofs import all_readings
-from tests.checker.valid.exact_legs import in_fractions
+from tests.checker.valid.exact_legs import in_fractions, parts
 from tests.networks import network
 
 SMALL: dict[str, Any] = {"ask": {"delta": 2.0}, "extremal": False, "random_poses": 16, "joint_error": 10.0}
@@ -79,8 +80,7 @@ def test_infeasible_below_a_cap(name: str, verdict: Any, request: pytest.Fixture
 
 def test_only_the_measurements_with_weights(verdict: Any, exact_proof: Any) -> None:
     """Those and no others are needed for the lower bound; the point is judged by them alone."""
-    lines = exact_proof.copy()
-    used = sorted(verdict(lines, exact_proof.folder).used)
+    lines, used = exact_proof.copy(), sorted(verdict(exact_proof.lines, exact_proof.folder).used)
     assert 2 <= len(used) < lines[0]["measurements"]
     lines[0]["only"] = used
     found = verdict(lines, exact_proof.folder)
@@ -92,19 +92,19 @@ def test_only_the_measurements_with_weights(verdict: Any, exact_proof: Any) -> N
     assert replace(named, header=stated.header) == stated
 
 
-def test_what_a_point_meets_it_meets_at_a_larger_eps_while_legs_are_longer(exact_proof: Any) -> None:
-    campaign, (*x, eps) = ExactCampaign(exact_proof.folder / "campaign.json"), map(F, exact_proof.point)
+def test_a_point_meets_a_measurement_from_the_eps_on_that_fractions_say_to_80_bits(exact_proof: Any) -> None:
+    campaign, (*x, _) = ExactCampaign(exact_proof.folder / "campaign.json"), map(F, exact_proof.point)
 
-    def met(model: str, first: int, *point: F) -> bool:
-        at = Unknowns(ExactBox(point, point), lambda _: None)
-        return not campaign.unmet(1, At(at, model, None), list(range(first, 12)))
+    def met(model: str, rows: list[int], *point: F) -> bool:
+        return not list(campaign.unmet(1, At(Unknowns(ExactBox(point, point), free), model, None), rows))
 
+    for model, extra in (("plain", []), ("gain", [F(1, 1024)]), ("lateral", [F(-77)])):
+        for k in range(12):
+            square, length = parts(in_fractions(campaign.measurement(k, 1)), model, x + extra, [F(0)] * 7)
+            least = abs(F(isqrt((square * 2**160).__floor__()), 2**80) - length)
+            assert [met(model, [k], *x, *extra, least + F(side, 2**79)) for side in (-1, 1)] == [False, True]
     most = campaign.shortest(1) + x[6]
-    for one, good in ((eps, True), (2 * eps, True), (most, True), (most + 1, False), (eps / 2, False)):
-        assert met("plain", 0, *x, one) is good
-    for first in range(1, 9):  # what is known of a plain point says nothing of a lateral one, whose h is a row's number
-        assert met("plain", first, *x, eps)
-        assert not met("lateral", first + 1, *x, F(first), eps)
+    assert [met("gain", [*range(12)], *x, F(1), most + more) for more in (0, 1)] == [True, False]
 
 
 def test_the_largest_numbers_and_degrees(verdict: Any, network_proof: Any) -> None:
