@@ -533,13 +533,11 @@ def fit_model(
     campaign: Campaign,
     leg: int,
     model: LegModel = PLAIN,
-    known: ModelResiduals | None = None,
     weight: Floats | None = None,
 ) -> Floats:
     """Parameters (n,) that minimise the sum of squares of g, the extra ones within their half-widths of 0.
 
-    From the fit of the plain model, with which it begins. `known`: the residuals, where they are there already.
-    `weight` (N,): g is multiplied by it.
+    From the fit of the plain model, with which it begins. `weight` (N,): g is multiplied by it.
     """
     plain = ModelResiduals(campaign, leg, PLAIN)
     nominal = campaign.robot.parameters[leg - 1]
@@ -548,15 +546,14 @@ def fit_model(
     free = np.append(np.ones(7, bool), model.half_widths > 0.0)
     if weight is None and free.sum() == 7:
         return start
-    of = ModelResiduals(campaign, leg, model) if known is None else known
+    of = ModelResiduals(campaign, leg, model)
     reach, each = np.append(np.full(7, np.inf), model.half_widths), np.ones(len(campaign)) if weight is None else weight
 
-    def slopes(columns: Floats, x: Floats) -> Floats:
-        return columns * of.jacobian(x)
+    def slopes(x: Floats) -> Floats:
+        return np.asarray(each[:, None] * free * of.jacobian(x))
 
     while True:  # an extra parameter that leaves its half-width stays at its end
-        slope = partial(slopes, each[:, None] * free)
-        found = least_squares(lambda x: each * of.values(x), slope, start, tolerance=_TOLERANCE)
+        found = least_squares(lambda x: each * of.values(x), slopes, start, tolerance=_TOLERANCE)
         beyond = np.abs(found.at) > reach
         if not beyond.any():
             return found.at

@@ -8,7 +8,7 @@ import numpy as np
 
 from cpcal.calibration.fit import robust_scale
 from cpcal.common.numbers import about
-from cpcal.common.values import Floats, Names, Numbers
+from cpcal.common.values import TINY, Floats, Names, Numbers, norms
 from cpcal.models import PLAIN, LegModel, ModelResiduals, reading_moves
 from cpcal.questions.result import Determination
 from cpcal.robot import Campaign, LegEquations
@@ -27,15 +27,13 @@ _OPEN = 0.1  # of a parameter in such a direction, from which it is called undet
 def determination(campaign: Campaign, leg: int, x: Floats, model: LegModel) -> Determination:
     """At parameters x (n,) of one leg and the centres of the reading sets."""
     jacobian = ModelResiduals(campaign, leg, model).jacobian(x)
-    rms = np.sqrt(np.mean(jacobian**2, axis=0))
-    columns = jacobian / np.where(rms > 0.0, rms, 1.0) / np.sqrt(len(jacobian))
-    few = len(columns) < columns.shape[1]
-    _, values, right = np.linalg.svd(columns, full_matrices=few)  # of many rows the left side alone fills the memory
-    seen = np.zeros(len(right), bool)
-    seen[: len(values)] = values > _SEEN
-    hidden = np.linalg.norm(right[~seen], axis=0)
+    square = jacobian.T @ jacobian
+    size = np.maximum(norms(jacobian.T), TINY)
+    values, vectors = np.linalg.eigh(square / size / size[:, None])  # squares of singular values: seen to 1e-8
+    seen = values > _SEEN**2
+    hidden = norms(vectors[:, ~seen])
     lost = tuple(name for name, share in zip(model.parameters, hidden, strict=True) if share > _OPEN)
-    return Determination(len(jacobian), len(right), int(seen.sum()), lost)
+    return Determination(len(jacobian), len(size), int(seen.sum()), lost)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -54,14 +52,12 @@ def odd_rows(campaign: Campaign, x: Floats) -> list[str]:
     """
     if len(campaign) < _LEAST:
         return []
-    residuals = LegEquations.of(campaign).values(x)
-    far = np.zeros(residuals.shape, np.bool_)
-    for leg in range(1, campaign.legs + 1):
-        allowed, off = reading_moves(campaign, leg, x[leg - 1]).sum(axis=1), np.abs(residuals[:, leg - 1])
-        unit = allowed if (allowed > 0.0).all() else np.ones_like(allowed)
-        least = _ROUNDING * float(np.abs(campaign.length[:, leg - 1] + x[leg - 1, 6]).max())
-        far[:, leg - 1] = (off / unit > _FAR * robust_scale(off / unit)) & (off > allowed + least)
-    worst = np.abs(residuals * far).max(axis=1)
+    off = np.abs(LegEquations.of(campaign).values(x))
+    allowed = np.stack([reading_moves(campaign, leg, own).sum(axis=1) for leg, own in enumerate(x, 1)], axis=1)
+    share = off / np.where((allowed > 0.0).all(axis=0), allowed, 1.0)
+    least = _ROUNDING * np.abs(campaign.length + x[:, 6]).max(axis=0)
+    far = (share > [_FAR * robust_scale(leg) for leg in share.T]) & (off > allowed + least)
+    worst = (off * far).max(axis=1)
     rows, said = np.flatnonzero(far.any(axis=1)), []
     for row in rows[np.argsort(-worst[rows])][:_NAMED]:
         wrong, off_by = ", ".join(map(str, np.flatnonzero(far[row]) + 1)), about(float(worst[row]))

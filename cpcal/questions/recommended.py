@@ -14,10 +14,18 @@ from functools import cached_property
 import numpy as np
 
 from cpcal.common.values import Floats, Json, norms
-from cpcal.models import ModelResiduals, built_in, fit_model, leg_readings, leg_statement, reading_moves, reading_range
+from cpcal.models import (
+    PLAIN,
+    ModelResiduals,
+    built_in,
+    fit_model,
+    leg_readings,
+    leg_statement,
+    reading_moves,
+    reading_range,
+)
 from cpcal.questions.bracket import PreparedLeg, written
 from cpcal.questions.result import CONSTRAINED, LEAST_SQUARES, PassesFrom, Recommended, Reduced
-from cpcal.solver.certificate.exact_network import Statement
 from cpcal.solver.certificate.float_rows import AllReadings
 from cpcal.solver.certificate.prover import claims
 from cpcal.solver.certificate.recording import Recording
@@ -25,6 +33,7 @@ from cpcal.solver.interval import Box
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.local import fit_of_many
 
+_ROUNDED = 1e-9  # of the largest number of a leg: a million times more than rounding errors of its lengths
 _BELOW = 1e-9  # relative, below a tolerance: slack left so that the proof at the point succeeds
 _FITS = 3  # each with the slack that the one before lacked
 _STEPS, _AT_REST = 20, 1e-9  # of Gauss-Newton; the change of the residuals, relative to the tolerance, that ends it
@@ -75,11 +84,6 @@ class _Leg:
         self.plain = part.center if fitted else self.fit(None if only is None else self._used)
 
     @cached_property
-    def _statement(self) -> Statement:
-        question, known = self._question, self._part.statement
-        return known or leg_statement(question.campaign, self._part.leg, self._part.only, question.model.name)
-
-    @cached_property
     def weight(self) -> Floats:
         """Of residuals: one over the deviations that the half-widths state."""
         moves = norms(reading_moves(self._question.campaign, self._leg, self.plain))
@@ -88,7 +92,7 @@ class _Leg:
     def fit(self, weight: Floats | None) -> Floats:
         """Least squares."""
         question = self._question
-        return fit_model(question.campaign, self._leg, question.model, self._residuals, weight)
+        return fit_model(question.campaign, self._leg, question.model, weight)
 
     def largest(self, x: Floats, factor: float = 1.0) -> float:
         """PROVED: a bound of E(x), mm, with `factor` times the stated half-widths; infinite where nothing is proved.
@@ -97,19 +101,34 @@ class _Leg:
         question, key = self._question, x.tobytes()
         if self._built_in:
             if key not in self._known:
-                self._known[key] = AllReadings(question.model.name, x.tolist(), *self._readings)
+                self._known[key] = AllReadings(question.model.name, x.tolist(), *self._decisive(x))
             return self._known[key].least_eps(factor)
         found = reading_range(question.campaign, self._leg, question.model, x, factor)
         return float(np.max(np.maximum(found.hi, -found.lo)[self._mine], initial=0.0))
+
+    def _decisive(self, x: Floats) -> list[Floats]:
+        """The readings of the measurements that can decide E(x).
+
+        Of exact ones the shortest, and those furthest off: by many times of what rounding can move either, the others
+        are not. In other models this is no cheaper than the proof.
+        """
+        given, radii = self._readings
+        if self._question.model.name != PLAIN.name or radii.any():
+            return self._readings
+        off, read = np.abs(self._residuals.values(x))[self._mine], given[:, 7]
+        slack = _ROUNDED * (np.abs(given).max() + np.abs(x).max())
+        decide = (off >= off.max() - slack) | (read <= read.min() + slack)
+        return [given[decide], radii[decide]]
 
     def certificate(self, name: str, x: Floats, eps: float, factor: float = 1.0) -> str | None:
         """The file that claims E(x) <= eps with that factor on the half-widths; None where there is none."""
         if not self._built_in or self._question.certificates is None or not math.isfinite(eps):
             return None
-        at, names = np.append(x, eps), (*self._question.model.parameters, "eps")
-        with Recording(self._statement, Box(names, at, at)) as recording:
+        part, question, at = self._part, self._question, np.append(x, eps)
+        stated = part.statement or leg_statement(question.campaign, part.leg, part.only, question.model.name)
+        with Recording(stated, Box((*question.model.parameters, "eps"), at, at)) as recording:
             said = claims(eps, point=at, factor=factor)
-            return written(self._question, f"leg{self._leg}.{name}", recording, said)[0]
+            return written(question, f"leg{part.leg}.{name}", recording, said)[0]
 
     @cached_property
     def tightest(self) -> Floats:

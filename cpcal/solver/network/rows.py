@@ -33,7 +33,6 @@ class Extremes:
 
     def __init__(self, network: ConstraintNetwork, *roots: Expr, every: bool = False) -> None:
         self.tape, self._asked = shared_tape(network, roots), int(every)
-        self._sets = self.tape.leaves()[self.tape.program.given - self.tape.size :]
 
     @property
     def exclusive(self) -> bool:
@@ -49,8 +48,8 @@ class Extremes:
         """
         program = self.tape.program
         grows = sweeps.total_slopes(program, self.tape.near(point[None])[0])[program.given :] > 0.0
-        lo, hi = self._sets.lo, self._sets.hi
-        return np.where(grows, lo, hi), np.where(grows, hi, lo)
+        sets = self.tape.sets
+        return np.where(grows, sets.lo, sets.hi), np.where(grows, sets.hi, sets.lo)
 
     def slots(self, point: Floats) -> Floats:
         """All slots (1, M) at a point (n,), the readings where they make the elements smallest, or largest."""
@@ -110,38 +109,33 @@ class Rows:
 
         For each side those that the point violates most, and as many that are spread over all, at most `most` of both.
         """
-        values = self._smallest(point)
-        values = np.where(np.isfinite(values), values, np.inf)
 
-        def chosen(where: slice) -> Indices:
-            own = values[where]
+        def chosen(own: Floats) -> Indices:
+            own = np.where(np.isfinite(own), own, np.inf)
             worst = np.arange(own.size) if own.size <= most else np.argpartition(-own, most)[:most]
             return np.concatenate([worst, (np.arange(most) * _GOLDEN % 1.0 * own.size).astype(np.intp)])
 
-        return self._each(chosen)
+        return self._each(point, chosen)
 
     def violated(self, point: Floats, most: int) -> list[Indices]:
         """For each constraint the elements (along its leading axis) that a point violates: at most `most` for each
         side, those that it violates most.
         """
-        values = self._smallest(point)
 
-        def chosen(where: slice) -> Indices:
-            some = np.flatnonzero(values[where] > 0.0)
-            return some[np.argsort(-values[where][some], kind="stable")[:most]]
+        def chosen(own: Floats) -> Indices:
+            some = np.flatnonzero(own > 0.0)
+            return some[np.argsort(-own[some], kind="stable")[:most]]
 
-        return self._each(chosen)
+        return self._each(point, chosen)
 
-    def _smallest(self, point: Floats) -> Floats:
-        with np.errstate(all="ignore"):
-            own = (part.slots(point)[0, part.tape.program.roots] for part in self._parts)
-            return np.concatenate([np.zeros(0), *own])
-
-    def _each(self, chosen: Callable[[slice], Indices]) -> list[Indices]:
-        """Of each constraint the elements of the leading axis that are chosen of some row of it."""
+    def _each(self, point: Floats, chosen: Callable[[Floats], Indices]) -> list[Indices]:
+        """Of each constraint the elements of the leading axis that are chosen by some row's values at a point."""
         out = [[np.zeros(0, np.intp)] for _ in range(self._constraints)]
+        with np.errstate(all="ignore"):
+            each = [part.slots(point)[0, part.tape.program.roots] for part in self._parts]
+        values = np.concatenate([np.zeros(0), *each])
         for constraint, where, width in self._blocks:
-            out[constraint].append(chosen(where) // width)
+            out[constraint].append(chosen(values[where]) // width)
         return [np.unique(np.concatenate(elements)) for elements in out]
 
     def second_order(self, point: Floats) -> float:
@@ -180,7 +174,6 @@ class DecisiveReadings:
 
     def __init__(self, network: ConstraintNetwork) -> None:
         self.tape = rows_tape(network)
-        self._data = self.tape.leaves()[self.tape.program.given - self.tape.size :]  # of all readings
 
     def on(self, box: Box, least: float = 0.0) -> list[ReadingSets]:
         """One collection of reading sets per row; components that decide at an end are single points.
@@ -209,12 +202,13 @@ class DecisiveReadings:
             leaf = reach.leaf[mine] - first
             alone = np.bincount(leaf)[leaf] == 1
             leaf = leaf[alone]
-            out.append((leaf, reach.entry[mine][alone], (self._data.lo < self._data.hi)[leaf]))
+            out.append((leaf, reach.entry[mine][alone], (self.tape.sets.lo < self.tape.sets.hi)[leaf]))
         return out
 
     def _sets(self, g: IntervalArray, leaf: Indices, entry: Indices, wide: Bools) -> tuple[ReadingSets, int, int]:
         """How many components decide, and of how many that have a width and enter one row."""
-        data, (lo, hi), first = self._data, self._data.copied(), self.tape.program.given
+        data, first = self.tape.sets, self.tape.program.given
+        lo, hi = data.copied()
         up = g.lo[entry] >= 0.0
         down = (g.hi[entry] <= 0.0) & ~up
         hi[leaf[up]], lo[leaf[down]] = data.lo[leaf[up]], data.hi[leaf[down]]

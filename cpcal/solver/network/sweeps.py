@@ -70,10 +70,9 @@ def forward(p: Program, x: Arrays) -> None:
 
 
 @compiled
-def forward_all(p: Program, boxes: Arrays, x: Arrays) -> None:
-    """The same for B boxes (B, n): the slots (B, M) hold constants and readings."""
-    for r in range(len(boxes[0])):
-        x[0][r, : p.size], x[1][r, : p.size] = boxes[0][r], boxes[1][r]
+def forward_all(p: Program, x: Arrays) -> None:
+    """The same for B boxes, in slots (B, M)."""
+    for r in range(len(x[0])):
         forward(p, (x[0][r], x[1][r]))
 
 
@@ -86,12 +85,10 @@ def near(p: Program, slots: Floats) -> None:
             c, a, b = p.code[k], x[p.arg[k, 0]], x[p.arg[k, 1]]
             if c == ADD:
                 x[p.first + k] = a + b
-            elif c == MUL:
+            elif c in (MUL, SQR):  # a square's argument stands there twice
                 x[p.first + k] = a * b
             elif c == SUB:
                 x[p.first + k] = a - b
-            elif c == SQR:
-                x[p.first + k] = a * a
             else:
                 lo, hi = value(c, p.par[k], (a, a), (b, b))
                 x[p.first + k] = 0.5 * lo + 0.5 * hi
@@ -194,33 +191,32 @@ def needed(p: Program) -> Bools:
 
 
 @compiled
-def reached(p: Program, start: Places, order: Places) -> int:
+def reached(p: Program) -> tuple[Places, Places]:
     """What each root is computed from: slots of operations, then of variables and readings, the last ones first.
 
-    Those of root r go to `order` from `start[r]` on, if there is room; how many there are in all.
+    Those of root r stand in the second array, from the r-th number of the first one on.
     """
     seen = np.full(p.first + len(p.arg), -1, np.int32)
-    stack = np.empty(2 * len(p.arg) + 2, np.int32)
-    count = 0
+    queue, order = np.empty(len(seen), np.int32), np.empty(len(seen), np.int32)
+    start = np.zeros(len(p.roots) + 1, np.int32)
     for r in range(len(p.roots)):
-        start[r] = count
-        stack[0], depth = p.roots[r], 1
-        while depth:
-            depth -= 1
-            k = stack[depth]
-            if seen[k] == r or is_constant(p, k):
-                continue
-            seen[k] = r
-            if count < len(order):
-                order[count] = k
-            count += 1
-            if k >= p.first:
-                stack[depth], stack[depth + 1] = p.arg[k - p.first, 0], p.arg[k - p.first, 1]
-                depth += 2
-        if count <= len(order):
-            order[start[r] : count] = -np.sort(-order[start[r] : count])
-    start[len(p.roots)] = count
-    return count
+        queue[0], head, tail = p.roots[r], 0, 1
+        while head < tail:
+            k, head = queue[head], head + 1
+            for side in range(2 if k >= p.first else 0):
+                below = p.arg[k - p.first, side]
+                if seen[below] != r and not is_constant(p, below):
+                    seen[below] = r
+                    place, tail = tail, tail + 1
+                    while queue[place - 1] < below:  # the queue is in the order wanted
+                        queue[place] = queue[place - 1]
+                        place -= 1
+                    queue[place] = below
+        start[r + 1] = start[r] + tail
+        if start[r + 1] > len(order):
+            order = np.append(order, order)  # there is room now, whatever it holds
+        order[start[r] : start[r + 1]] = queue[:tail]
+    return start, order[: start[-1]].copy()
 
 
 @compiled

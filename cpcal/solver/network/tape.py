@@ -33,6 +33,7 @@ class Tape:
         self.readings = writer.readings
         self.reading_slots = {leaf.digest: writer.slots[leaf.digest] for leaf in self.readings}
         self._leaves = writer.leaves
+        self.sets = writer.leaves[writer.given - len(network.names) :]  # of all readings
         self._slots = {root.digest: writer.slots[root.digest] for root in self.roots}
         flat = np.concatenate([np.zeros(0, np.int32), *(self._slots[root.digest].ravel() for root in self.roots)])
         program = Program(*writer.table(), flat, len(network.names), writer.given, writer.first)
@@ -68,8 +69,9 @@ class Tape:
         first = self.program.first
         lo, hi = np.empty((2, boxes.shape[0], first + len(self.program.code)))
         leaves = self.leaves(readings)
+        lo[:, : self.size], hi[:, : self.size] = boxes.lo, boxes.hi
         lo[:, self.size : first], hi[:, self.size : first] = leaves.lo, leaves.hi
-        sweeps.forward_all(self.program, boxes.copied(), (lo, hi))
+        sweeps.forward_all(self.program, (lo, hi))
         return IntervalArray(lo, hi)
 
     def near(self, points: Floats, readings: Floats | None = None) -> Floats:
@@ -129,15 +131,8 @@ class Tape:
     @cached_property
     def reach(self) -> Reach:
         """What every element of the roots is computed from."""
-        first = self.program.first
-        start, room = np.zeros(self.count + 1, np.int32), 4 * (first + len(self.program.code))
-        order = np.empty(room, np.int32)
-        count = sweeps.reached(self.program, start, order)
-        if count > room:
-            order = np.empty(count, np.int32)
-            sweeps.reached(self.program, start, order)
-        order = order[:count].copy()
-        entry = np.flatnonzero(order < first).astype(np.int32)
+        start, order = sweeps.reached(self.program)
+        entry = np.flatnonzero(order < self.program.first).astype(np.int32)
         row = np.repeat(np.arange(self.count, dtype=np.int32), np.diff(start))[entry]
         return Reach(start, order, entry, row, order[entry])
 
@@ -190,9 +185,8 @@ class _Writer:
     def table(self) -> tuple[Places, Places, Places]:
         """Codes, arguments and exponents."""
         self._gather()
-        kinds = np.array(self._kinds, np.int32)
-        code, exponent = np.repeat(kinds[:, :2], kinds[:, 2], axis=0).T.copy()
-        return code, np.concatenate(self._args), exponent
+        code, exponent, sizes = np.array(self._kinds, np.int32).T
+        return np.repeat(code, sizes), np.concatenate(self._args), np.repeat(exponent, sizes)
 
     def _placed(self, leaves: Iterable[Expr]) -> int:
         """Slots for the elements of some leaves; the slot after them."""
