@@ -53,16 +53,16 @@ def test_moments_of_outlines_are_opencvs():
         cv2.ellipse(mask, (x, y), axes, angle, 0.0, 360.0, 255, -1)
     for corner in ((30, 180), (60, 130)):
         cv2.rectangle(mask, (20, 120), corner, 255, -1)  # an angle is no ellipse
-    cv2.circle(mask, (298, 30), 10, 255, -1)  # touches the border
-    outlines, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
-    center, spread, keep = ellipses(outlines, 300, 200)
-    assert keep.sum() == 3
-    for outline, place, moments in zip(
-        *([a[k] for k in np.flatnonzero(keep)] for a in (outlines, center, spread)), strict=True
-    ):
-        theirs = cv2.moments(outline)
-        area = theirs["m00"]
-        np.testing.assert_allclose(place, [theirs["m10"] / area, theirs["m01"] / area], rtol=1e-9)
-        found = moments[0, 1], moments[0, 0] - moments[1, 1]
-        wanted = theirs["mu11"] / area, (theirs["mu20"] - theirs["mu02"]) / area
-        assert found == pytest.approx(wanted, rel=1e-6, abs=1e-6)
+    # touches the border, is next to it, a ring about another one
+    for x, y, radius, width in ((298, 30, 10, -1), (275, 150, 23, -1), (250, 60, 25, 2), (253, 61, 9, -1)):
+        cv2.circle(mask, (x, y), radius, 255, width)
+    theirs = [cv2.moments(one) for one in cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)[0]]
+    centers = np.array([[m["m10"], m["m01"]] for m in theirs]) / np.array([[m["m00"]] for m in theirs])
+    for run in (ellipses, plain(ellipses)):
+        found = np.full((6, 6), np.nan)
+        assert run(mask, found) == 6
+        for x, y, xx, xy, _, yy in found:
+            near = theirs[int(np.abs(centers - [x, y]).sum(axis=1).argmin())]
+            assert (x, y) == pytest.approx((near["m10"] / near["m00"], near["m01"] / near["m00"]), rel=1e-9)
+            wanted = near["mu11"] / near["m00"], (near["mu20"] - near["mu02"]) / near["m00"]
+            assert (xy, xx - yy) == pytest.approx(wanted, rel=1e-6, abs=1e-6)

@@ -4,17 +4,16 @@ A first pass over the image at half its size, with a neighbourhood as wide as th
 are and whether they are bright; the second uses a neighbourhood made for them, so that uneven light matters little.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from cpcal.common.errors import unusable
-from cpcal.common.values import AnyArray, Bools, Floats, Ints
+from cpcal.common.values import AnyArray, Floats
 from cpcal.solver.compiled import compiled
 from cpcal.vision.opencv import Grey, Grey8, opencv
 from cpcal.vision.projection import eigenvalues, median
@@ -90,57 +89,74 @@ def noise_level(image: Grey) -> float:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Outlines of regions as ellipses: area, centroid, second moments, and whether they look like dots.
+# Regions of a mask as ellipses: area, centroid, second moments, and whether they look like dots; compiled.
 
 _SLIMMEST = 0.2  # ratio of the axes of a spot
-_ELLIPTIC = 0.85  # least ratio of a spot's area to that of the ellipse of the same second moments
-
-
-def ellipses(outlines: Sequence[Any], width: int, height: int) -> tuple[Floats, Floats, Bools]:
-    """Of OpenCV's outlines (n of them) in an image: the centres (n, 2) pixels, the second moments (n, 2, 2) px^2 of the
-    regions, and which are elliptic and clear of the border; of the others nothing is told.
-
-    Moments are those of polygons by Green's formula; holes have negative areas, and are not kept.
-    """
-    points, ends = np.concatenate(outlines)[:, 0], np.cumsum(np.fromiter(map(len, outlines), np.int64, len(outlines)))
-    center, spread, keep = np.zeros((len(ends), 2)), np.zeros((len(ends), 2, 2)), np.zeros(len(ends), bool)
-    _fill_ellipses(points, ends, width, height, center, spread, keep)
-    return center, spread, keep
+_ELLIPTIC = 0.85  # least ratio of a spot's area to that of the ellipse of the same second moments: a triangle's is 0.83
+_LARGEST = 60.0  # pixels of radius
+_LONGEST = int(40.0 * _LARGEST)  # steps around a region: the largest and slimmest ellipse takes a quarter of them
+# x and y of the steps to a pixel's neighbours, right, up, left and down, three times around
+_STEPS = np.array([[1, 0], [1, -1], [0, -1], [-1, -1], [-1, 0], [-1, 1], [0, 1], [1, 1]] * 3)
+_TURN, _ALONE = 8, 20  # steps of one time around; of a pixel without neighbours the last that is looked at
 
 
 @compiled
-def _fill_ellipses(
-    points: npt.NDArray[np.int32], ends: Ints, width: int, height: int, center: Floats, spread: Floats, keep: Bools
-) -> None:
-    """Each outline's points reach up to its entry of `ends`."""
-    first = 0
-    for i in range(len(ends)):
-        area, to_x, to_y, to_xx, to_xy, to_yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        keep[i], x1, y1 = ends[i] - first >= 4, 0.0, 0.0  # from the outline's first point
-        for k in range(ends[i] - 1, first - 1, -1):  # OpenCV goes round a region with y/x turned this way
-            keep[i] &= 0 < points[k, 0] < width - 1 and 0 < points[k, 1] < height - 1
-            x0, y0 = float(points[k, 0] - points[first, 0]), float(points[k, 1] - points[first, 1])
-            cross = x1 * y0 - x0 * y1
-            area += cross / 2.0
-            to_x += cross * (x0 + x1) / 6.0
-            to_y += cross * (y0 + y1) / 6.0
-            to_xx += cross * (x0 * x0 + x0 * x1 + x1 * x1) / 12.0
-            to_xy += cross * (2.0 * (x0 * y0 + x1 * y1) + x0 * y1 + x1 * y0) / 24.0
-            to_yy += cross * (y0 * y0 + y0 * y1 + y1 * y1) / 12.0
-            x1, y1 = x0, y0
-        keep[i] &= area > 0.0
-        if keep[i]:
-            x, y = to_x / area, to_y / area
-            xx, xy, yy = to_xx / area - x * x, to_xy / area - x * y, to_yy / area - y * y
-            half, apart = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
-            short, long = np.sqrt(max(half - apart, 1e-4)), np.sqrt(max(half + apart, 1e-4))
-            keep[i] = area > _ELLIPTIC * 4.0 * np.pi * short * long
-            # an outline runs through the centres of pixels: the region reaches half a pixel farther in every direction
-            keep[i] &= 0.25 + short > _SLIMMEST * (0.25 + long)
-            more = 0.0625 + 0.25 * (short + long)
-            center[i, 0], center[i, 1] = points[first, 0] + x, points[first, 1] + y
-            spread[i, 0, 0], spread[i, 0, 1], spread[i, 1, 0], spread[i, 1, 1] = xx + more, xy, xy, yy + more
-        first = ends[i]
+def ellipses(mask: Grey8, out: Floats) -> int:
+    """The regions of a mask that are elliptic and clear of its border, how many: their centres x and y, pixels, and
+    second moments xx, xy, xy, yy, px^2, into the rows of `out` as long as there are any.
+
+    A region is followed around from its first pixel, the leftmost of the uppermost row. The walk begins at each pixel
+    with none above and none to the left, and ends where it comes upon an earlier one, upon the border, or after
+    `_LONGEST` steps. So nothing need be marked or kept.
+    """
+    count, first = 0, np.zeros(mask.shape[1] // 8 * 8 + 8, np.bool_)
+    for y in range(1, len(mask) - 1):
+        row, above = mask[y], mask[y - 1]
+        for x in range(1, len(row) - 1):
+            first[x] = row[x] > (row[x - 1] | above[x - 1] | above[x] | above[x + 1])
+        for word in np.flatnonzero(first.view(np.int64)):
+            for x in range(8 * word, 8 * word + 8):
+                if first[x] and count < len(out) and _followed(mask, x, y, out[count]):
+                    count += 1
+    return count
+
+
+@compiled
+def _followed(mask: Grey8, x: int, y: int, out: Floats) -> bool:
+    """Of the region whose first pixel is (x, y) its row of `ellipses`; False where there is none. Moments are those of
+    the polygon through the outermost pixels, by Green's formula."""
+    (height, width), step, end, x0, y0 = mask.shape, _TURN // 2, x, 0, 0
+    while mask[y, end]:  # to the right: the walk would come last upon what is above
+        if end == width - 1 or mask[y - 1, end + 1]:
+            return False
+        end += 1
+    area, to_x, to_y, to_xx, to_xy, to_yy = 0, 0, 0, 0, 0, 0
+    for _ in range(_LONGEST):
+        step += 1
+        while step < _ALONE and not mask[y + y0 + _STEPS[step, 1], x + x0 + _STEPS[step, 0]]:
+            step += 1
+        if x0 == 0 and y0 == 0 and step > _TURN:
+            break  # around
+        x1, y1, step = x0 + _STEPS[step, 0], y0 + _STEPS[step, 1], step % _TURN + _TURN // 2
+        if y1 < 0 or (y1 == 0 and x1 < 0) or not (0 < x + x1 < width - 1 and y + y1 < height - 1):
+            return False
+        cross, u, v = x1 * y0 - x0 * y1, x0 + x1, y0 + y1
+        area, to_x, to_y = area + cross, to_x + cross * u, to_y + cross * v
+        to_xx, to_yy = to_xx + cross * (u * u - x0 * x1), to_yy + cross * (v * v - y0 * y1)
+        to_xy, x0, y0 = to_xy + cross * (u * v + x0 * y0 + x1 * y1), x1, y1
+    else:
+        return False
+    if area <= 0:
+        return False
+    u, v = to_x / (3 * area), to_y / (3 * area)
+    xx, xy, yy = to_xx / (6 * area) - u * u, to_xy / (12 * area) - u * v, to_yy / (6 * area) - v * v
+    half, apart = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    short, long = np.sqrt(max(half - apart, 1e-4)), np.sqrt(max(half + apart, 1e-4))
+    # the polygon runs through the centres of pixels: the region reaches half a pixel farther in every direction
+    more = 0.0625 + 0.25 * (short + long)
+    out[0], out[1], out[2], out[3], out[4], out[5] = x + u, y + v, xx + more, xy, xy, yy + more
+    elliptic: bool = area > _ELLIPTIC * 8.0 * np.pi * short * long and 0.25 + short > _SLIMMEST * (0.25 + long)
+    return elliptic
 
 
 Image = TypeVar("Image", bound=AnyArray)
@@ -157,10 +173,9 @@ _LEAST = 4.0  # grey levels of 256 that it must stand out by
 _ONE_SIZE = 1.8  # ratio of the largest to the smallest radius of an image's dots
 _NEXT_SIZE = 1.25  # ratio between these and other spots that are looked at by themselves
 _SIZES, _MANY = 3, 12  # so many sizes at most, of so many spots at least
-_LARGEST = 60.0  # pixels of radius
 _ALIKE = 2.5  # ratio of a spot's size to the usual one, or its inverse
 _SMALLEST = 8  # pixels, sides of an image with dots
-_MOST_SPOTS = 300_000
+_MOST_SPOTS = 300_000  # more than of any target: then there are none
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,10 +227,10 @@ def surveys(image: Grey8, half: Grey8, bright: bool) -> Iterator[Survey]:
                 yield one._replace(radius=2.0 * one.radius, contrast=max(least, one.contrast))
     if min(image.shape) >= _SMALLEST:
         mean = opencv().blur(half, (_WIDEST, _WIDEST))
-        some = _standing_out(_excess(half, mean, bright), max(_NOISE * noise_level(half), _LEAST), bright)
+        some = _standing_out(half, mean.copy(), max(_NOISE * noise_level(half), _LEAST), bright)
         sizes = _by_size(Spots(2.0 * some.center + 0.5, 4.0 * some.spread, bright))
         if not sizes or len(sizes[0]) < _ENOUGH or median(sizes[0].radius) < _SMALL:
-            near = _by_size(_standing_out(_excess(image, _mean(image, half, _NARROW), bright), least, bright))
+            near = _by_size(_standing_out(image, _mean(image, half, _NARROW), least, bright))
             sizes = max(sizes, near, key=lambda found: len(found[0]) if found else 0)
         for found in sizes:
             at = np.minimum((0.5 * found.center).astype(np.int64), np.array(half.shape[::-1]) - 1)
@@ -250,7 +265,7 @@ def spots(image: Grey8, half: Grey8, survey: Survey) -> Spots:
     """The candidates for dots in an image, of which `half` has half the size: all brighter or all darker than around
     them, clear of its border."""
     mean = _mean(image, half, _NEIGHBOURHOOD * survey.radius)
-    return _standing_out(_excess(image, mean, survey.bright, out=mean), survey.contrast, survey.bright, survey.radius)
+    return _standing_out(image, mean, survey.contrast, survey.bright, survey.radius)
 
 
 def halved(image: Image) -> Image:
@@ -260,32 +275,15 @@ def halved(image: Image) -> Image:
     return half
 
 
-def _excess(image: Grey8, mean: Grey8, bright: bool, out: Grey8 | None = None) -> Grey8:
-    """By how much pixels are brighter (or darker) than the mean around, at least 0; `out` may be the mean."""
-    cv2 = opencv()
-    excess: Grey8 = cv2.subtract(image, mean, dst=out) if bright else cv2.subtract(mean, image, dst=out)
-    return excess
-
-
-def _standing_out(excess: Grey8, least: float, bright: bool, usual: float | None = None) -> Spots:
+def _standing_out(image: Grey8, mean: Grey8, least: float, bright: bool, usual: float | None = None) -> Spots:
     """The elliptic regions of about the `usual` radius (left out: of any) that are at least `least` brighter
-    (or darker) than around: of an excess that is used up, because fresh memory would take longer than the threshold."""
+    (or darker) than the mean around. The mean is used up: fresh memory would take longer than the threshold."""
     cv2 = opencv()
-    mask = cv2.threshold(excess, least, 255.0, cv2.THRESH_BINARY, dst=excess)[1]
-    if _too_many(mask) or not (outlines := cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)[0]):
-        return Spots(np.zeros((0, 2)), np.zeros((0, 2, 2)), bright)
-    center, spread, keep = ellipses(outlines, mask.shape[1], mask.shape[0])
-    found = Spots(center[keep], spread[keep], bright)
-    radius = found.radius
-    keep = radius < _LARGEST
+    excess = cv2.subtract(image, mean, dst=mean) if bright else cv2.subtract(mean, image, dst=mean)
+    mask, found = cv2.threshold(excess, least, 1.0, cv2.THRESH_BINARY, dst=mean)[1], np.empty((_MOST_SPOTS, 6))
+    found = found[: ellipses(mask, found) % _MOST_SPOTS]
+    every = Spots(found[:, :2], found[:, 2:].reshape(-1, 2, 2), bright)
+    keep = every.radius < _LARGEST
     if usual is not None:
-        keep &= (radius < _ALIKE * usual) & (_ALIKE * radius > usual)
-    return found.kept(keep)
-
-
-def _too_many(mask: Grey8) -> bool:
-    """Whether a large image has more regions than any target, by the number of their upper left corners."""
-    if mask.size < 16 * _MOST_SPOTS:
-        return False
-    corners = (mask[1:, 1:] > 0) & (mask[:-1, 1:] == 0) & (mask[1:, :-1] == 0)
-    return int(np.count_nonzero(corners)) > _MOST_SPOTS
+        keep &= (every.radius < _ALIKE * usual) & (_ALIKE * every.radius > usual)
+    return every.kept(keep)
