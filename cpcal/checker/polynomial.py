@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
-from functools import cached_property, lru_cache, reduce
+from functools import lru_cache, reduce
 from operator import add, itemgetter, mul, or_, sub
 from typing import Any, NamedTuple, Self
 
@@ -40,20 +40,12 @@ class Polynomial:
     exponent: int
     spend: Spend
 
-    @cached_property
-    def bits(self) -> int:
-        """Of the longest coefficient."""
-        return max(map(int.bit_length, self.terms.values()), default=0)
-
-    @cached_property
-    def wide(self) -> int:
-        """What its longest monomial takes besides, of time and memory: one for every 1024 bits, or 170 unknowns."""
-        return max(self.terms, default=0).bit_length() >> 10
-
-    @cached_property
-    def size(self) -> int:
-        """What it takes of memory: its terms, each once more for every 512 bits."""
-        return len(self.terms) * (1 + (self.bits >> 9) + 2 * self.wide)
+    def __post_init__(self) -> None:
+        self.bits = max(map(int.bit_length, self.terms.values()), default=0)  # of the longest coefficient
+        # what its longest monomial takes besides, of time and memory: one for every 1024 bits, or 170 unknowns
+        self.wide = max(self.terms, default=0).bit_length() >> 10
+        # what it takes of memory: its terms, each once more for every 512 bits
+        self.size = len(self.terms) * (1 + (self.bits >> 9) + 2 * self.wide)
 
     def __add__(self, other: Polynomial) -> Polynomial:
         return combined(((1, self), (1, other)), self.spend)

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 from .polynomial import (
     FIELD,
     MOST_HELD,
-    MOST_TERMS,
     READINGS,
     Form,
     Numbers,
@@ -288,7 +287,7 @@ class Rule:
     def __init__(self, problem: Problem, box: Box, rows: Sequence[Row], spend: Spend) -> None:
         self.x, self._problem, self._table = Unknowns(box, spend), problem, rows
         self.row: dict[int, Polynomial] = {}
-        self._held = 0
+        self._u, self._held = list(map(unknown, range(len(self.x)))), 0
 
     def form(self, numbers: Iterable[int]) -> None:
         """Rows, by their numbers, that are not formed yet; others are forgotten where there are many."""
@@ -306,24 +305,31 @@ class Rule:
     def aggregate(self, weights: Weights, *more: Polynomial) -> Polynomial:
         """At most zero at every solution in the box: weighted rows, less weighted products and squares; and `more`."""
         of_rows, of_products, of_tangents = weights.exponents
-        spend, terms = self.x.spend, dict[int, int]()
+        spend, u, linear, products = self.x.spend, self._u, [0] * len(self.x), {0: 0}
         spend(len(weights.products) * (20 + len(self.x) // 20) + 100 * len(weights.tangents))
+        known = products.get
         for i, j, p, q, weight in weights.products:
-            one, two = unknown(i), unknown(j)
-            for monomial, c in ((0, 1), (one, p), (two, q), (one + two, p * q)):
-                terms[monomial] = terms.get(monomial, 0) - weight * c
-            if len(terms) > MOST_TERMS:
-                raise too_many(MOST_TERMS, "terms of a polynomial")
-        parts = [(1, p) for p in (Polynomial(terms, of_products, spend), *more)]
+            products[0] -= weight
+            linear[i] -= p * weight
+            linear[j] -= q * weight
+            both = u[i] + u[j]
+            products[both] = known(both, 0) - p * q * weight
+        products |= {m: c for m, c in zip(u, linear, strict=True) if c}
+        squares, power = dict[int, int](), dyadics([t for _, t, _ in weights.tangents]).power
         for i, t, weight in weights.tangents:
-            u, top, power = unknown(i), t.numerator, t.denominator.bit_length() - 1
-            square = {u + u: 1 << 2 * power, u: -top << power + 1, 0: top * top}
-            parts.append((-weight, Polynomial(square, of_tangents - 2 * power, spend)))
+            top = t.numerator * ((1 << power) // t.denominator)
+            for monomial, c in ((u[i] + u[i], 1 << 2 * power), (u[i], -top << power + 1), (0, top * top)):
+                squares[monomial] = squares.get(monomial, 0) - weight * c
         self.form(n for n, weight in weights.rows if weight)
-        rows = combined([(weight, self.row[n]) for n, weight in weights.rows if weight], spend)
+        rows = [(weight, self.row[n]) for n, weight in weights.rows if weight]
         if not self._problem.in_box:
-            rows = substituted(rows, self.x.images)
-        return combined([(1, rows.times(1, of_rows)), *parts], spend)
+            rows = [(1, substituted(combined(rows, spend), self.x.images))]
+        beside = (
+            Polynomial(products, of_products - of_rows, spend),
+            Polynomial(squares, of_tangents - 2 * power - of_rows, spend),
+            *(p.times(1, -of_rows) for p in more),
+        )
+        return combined([*rows, *((1, p) for p in beside)], spend).times(1, of_rows)
 
     def excludes(self, weights: Weights) -> bool:
         """Whether no solution lies in the box: the aggregate is positive on it."""
