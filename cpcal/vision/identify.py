@@ -218,22 +218,31 @@ _SHIFTS = 4  # of each, at most
 def ways(some: Ints, others: Ints) -> tuple[Ints, Ints]:
     """Of all (m, 3, 3) that take nodes (n, 2) to others (k, 2) those that meet the most, for each turn and shear; and
     how many they meet (m,)."""
-    wide = 2 * int(np.abs(some).sum(axis=1).max() + np.abs(others).max()) + 1  # a shift's x and y in one number
-    maps = []
-    counts: list[int] = []
-    seen: Ints = others @ np.array([wide, 1])
-    for k, turn in enumerate(_TURNS):
-        if k == 8 and some is not others and max(counts) >= _PLAIN * min(len(some), len(others)):
+    for turns in (_TURNS[:8], _TURNS):
+        shifts = np.empty((len(turns), _SHIFTS, 3), np.int64)
+        most_met(some @ np.swapaxes(turns, 1, 2), others, shifts)
+        if some is not others and shifts[..., 2].max() >= _PLAIN * min(len(some), len(others)):
             break  # no shear is needed
-        turned = some @ turn.T @ [wide, 1]
-        least = int(seen.min() - turned.max())
-        met = np.bincount(np.subtract.outer(seen - least, turned).ravel())
-        for best in np.argpartition(-met, min(_SHIFTS, len(met) - 1))[:_SHIFTS].tolist():
-            x = (best + least + wide // 2) // wide
-            y = best + least - x * wide
-            maps.append([*turn[0].tolist(), x, *turn[1].tolist(), y, 0, 0, 1])
-            counts.append(int(met[best]))
-    return np.reshape(maps, (-1, 3, 3)), np.array(counts)
+    maps = np.zeros((len(turns), _SHIFTS, 3, 3), np.int64)
+    maps[..., :2, :2], maps[..., :2, 2], maps[..., 2, 2] = turns[:, None], shifts[..., :2], 1
+    return maps.reshape(-1, 3, 3), shifts[..., 2].ravel()
+
+
+@compiled
+def most_met(turned: Ints, others: Ints, shifts: Ints) -> None:
+    """Of nodes turned in m ways (m, n, 2) the shifts (m, _SHIFTS, 3) that take most of them to others (k, 2): x, y, and
+    how many."""
+    far = np.abs(turned).max() + np.abs(others).max()
+    size = 2 * far + 1
+    for m in range(len(turned)):
+        met = np.zeros((size, size), np.int64)  # by shift; what is negative counts from the end
+        for node in turned[m]:
+            for other in others:
+                met[other[0] - node[0], other[1] - node[1]] += 1
+        for k in range(_SHIFTS):
+            x, y = divmod(met.argmax(), size)
+            shifts[m, k, 0], shifts[m, k, 1] = (x + far) % size - far, (y + far) % size - far
+            shifts[m, k, 2], met[x, y] = met[x, y], -1
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -547,8 +556,7 @@ def turned(
 
 def _growth(places: Floats, seen: Floats) -> Floats:
     """(2,) how pixels (n, 2) move as y of the places (n, 2) grows."""
-    terms = np.column_stack([places, np.ones(len(places))])
-    return np.asarray(np.linalg.lstsq(terms, seen, rcond=None)[0][1])
+    return np.asarray(np.linalg.lstsq(places - places.mean(axis=0), seen, rcond=None)[0][1])
 
 
 def _check_count(count: int, target: Target) -> None:

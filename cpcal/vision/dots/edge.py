@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.values import AnyArray, Floats
+from cpcal.common.values import AnyArray, Floats, Ints
 from cpcal.solver.compiled import compiled
 from cpcal.vision.opencv import Grey
 from cpcal.vision.projection import eigenvalues, solved
@@ -131,14 +131,6 @@ def depths(s: Single, x: Single, y: Single, count: int, depth: Single, slope: Si
 
 
 @compiled
-def reach(spread: Floats) -> int:
-    """How many pixels from its own a dot reaches, room included."""
-    half = 0.5 * (spread[0, 0] + spread[1, 1])
-    long = half + np.sqrt(max(0.25 * (spread[0, 0] - spread[1, 1]) ** 2 + spread[0, 1] ** 2, 0.0))
-    return int(2.0 * np.sqrt(long) + OUTSIDE + 0.7) + 1
-
-
-@compiled
 def gathered(grey: Grey, at_x: int, at_y: int, unit: float, room: float, p: Floats, far: int, rows: Single) -> int:
     """The pixels in a square round the dot that are the dot's: how many, and their places, depths and grey levels in
     the first four of the `rows`."""
@@ -178,27 +170,33 @@ _EVEN = 0.1  # standard deviation of the parameters 8 and 9 before anything is s
 
 @compiled
 def fit_dots(
-    grey: Grey, center: Floats, spread: Floats, room: Floats, light: Floats, used: int, out: Floats, odd: Floats
+    grey: Grey,
+    center: Floats,
+    spread: Floats,
+    reach: Ints,
+    room: Floats,
+    light: Floats,
+    used: int,
+    out: Floats,
+    odd: Floats,
 ) -> None:
-    """Fits of dots from `center` (n, 2) and second moments `spread` (n, 2, 2), pixels; `room` (n,) pixels beyond the
-    edge are the dot's own; `light` (n, 2) is its growth per pixel, where the fit begins (or stays: `used` is PLAIN).
+    """Fits of dots from `center` (n, 2) and second moments `spread` (n, 2, 2), pixels; none reaches farther than
+    `reach` (n,) pixels from its own, `room` (n,) pixels beyond the edge included; `light` (n, 2) is its growth per
+    pixel, where the fit begins (or stays: `used` is PLAIN).
 
     out (n, RESULTS): centre, conic xx xy yy, back, contrast, blur, covariance xx xy yy of the centre, noise, variance
     of the grey levels; left as it is (nan) where a fit fails. odd (n, ODD, ODD + 3): of the light's growth,
     had it been fitted as well, the inverse covariance, times that the values, and how far (pixels, x and y)
     each moves the centre.
     """
-    longest = 0
-    for i in range(len(center)):
-        longest = max(longest, reach(spread[i]))
-    most = (2 * longest + 1) ** 2
+    most = (2 * reach.max() + 1) ** 2
     pixels, rows = np.empty((5, most), np.float32), np.empty((1 + PARAMETERS + SCRATCH) * most, np.float32)
     x, y, depth, level = pixels[0], pixels[1], pixels[2], pixels[3]
     for i in range(len(center)):
         p = np.zeros(PARAMETERS)
         unit = _begin(p, center[i], spread[i], light[i])
         at_x, at_y = int(np.rint(center[i, 0])), int(np.rint(center[i, 1]))
-        count = gathered(grey, at_x, at_y, unit, room[i], p, reach(spread[i]), pixels)
+        count = gathered(grey, at_x, at_y, unit, room[i], p, reach[i], pixels)
         if count <= 2 * PLAIN:
             continue
         variance = _levels(p, unit, depth[:count], level[:count])
@@ -377,11 +375,14 @@ def fitted_edges(grey: Grey, center: Floats, spread: Floats, room: Floats, light
     pixels beyond the edge are the dot's own; `light` (n, 2) the share by which it grows per pixel. With `used` LINEAR
     each dot tells the light's growth itself. Where the fit fails the numbers are nan."""
     out, odd = np.full((len(center), RESULTS), np.nan), np.zeros((len(center), ODD, ODD + 3))
-    fit_dots(grey, center, spread, room, light, used, out, odd)
-    if (failed := np.flatnonzero(np.isnan(out[:, 0]))).size:  # a soft dot's spot reaches beyond its edge
-        again, odd_again = out[failed], odd[failed]
-        fit_dots(grey, center[failed], _SOFT * spread[failed], room[failed], light[failed], used, again, odd_again)
-        out[failed], odd[failed] = again, odd_again
+    todo = np.arange(len(center))
+    for soft in (1.0, _SOFT):  # a soft dot's spot reaches beyond its edge
+        if todo.size:
+            some, again, odd_again = soft * spread[todo], out[todo], odd[todo]
+            reach = (2.0 * np.sqrt(eigenvalues(some)[:, 1]) + OUTSIDE + 1.7).astype(np.int64)
+            fit_dots(grey, center[todo], some, reach, room[todo], light[todo], used, again, odd_again)
+            out[todo], odd[todo] = again, odd_again
+        todo = np.flatnonzero(np.isnan(out[:, 0]))
     contrast, blur, noise, variance = out[:, [6, 7, 11, 12]].T
     pairs = out[:, :2], out[:, [[2, 3], [3, 4]]], out[:, [[8, 9], [9, 10]]]
     return Edges(*pairs, contrast, blur, noise, variance, odd)
