@@ -426,16 +426,13 @@ def measured_poses(campaign: Campaign) -> NamedPoses:
     return NamedPoses(tuple(campaign.pose[k] for k in rows), Pose(campaign.position[rows], campaign.quaternion[rows]))
 
 
-def _mean_orientation(campaign: Campaign) -> Floats:
-    return np.asarray(mean_rotations(campaign.quaternion, np.zeros(len(campaign), np.int64), 1)[0])
-
-
 def held_coordinates(campaign: Campaign) -> Places:
     """Numbers of x, y, z, rx, ry, rz that the mechanism of a robot with fewer than six legs holds: those that the
     measured poses vary by no more than their reading sets."""
     if campaign.legs >= 6:
         return ()
-    turned = turn_between(campaign.quaternion, _mean_orientation(campaign))
+    mean = mean_rotations(campaign.quaternion, np.zeros(len(campaign), np.int64), 1)
+    turned = turn_between(campaign.quaternion, mean)
     seen = np.hstack([campaign.position, turned])
     radius = np.hstack([campaign.position_radius, campaign.rotation_radius]).max(axis=0)
     return tuple(np.flatnonzero(np.ptp(seen, axis=0) <= 2.0 * radius + 1e-6).tolist())
@@ -448,7 +445,7 @@ def proposed_workspace(campaign: Campaign, robot: Robot, held: Sequence[int]) ->
     is the largest in which no leg needs a reading beyond those measured. None where even its center does.
     """
     lo, hi = campaign.position.min(axis=0), campaign.position.max(axis=0)
-    orientation = _mean_orientation(campaign)
+    orientation = mean_rotations(campaign.quaternion, np.zeros(len(campaign), np.int64), 1)[0]
     middle, half = 0.5 * (lo + hi), 0.5 * (hi - lo) * ~np.isin(np.arange(3), held)
     low, high = campaign.length.min(axis=0), campaign.length.max(axis=0)
     # R b - a + P is shortest where P is nearest to a - R b, longest at a corner
