@@ -251,15 +251,6 @@ def add_moves(p: Program, reach: Reach, g: Arrays, moves: Arrays, out: Arrays) -
 
 
 @compiled
-def row_continuity(p: Program, reach: Reach, operations: Bools, out: Bools) -> None:
-    """For every root whether all operations that depend on variables or readings are continuous."""
-    for r in range(len(p.roots)):
-        for k in reach.order[reach.start[r] : reach.start[r + 1]]:
-            if k >= p.first:
-                out[r] = out[r] and operations[k - p.first]
-
-
-@compiled
 def near_partials(code: int, par: int, z: float, a: float, b: float) -> tuple[float, float]:
     """About the partial derivatives of an operation with the value z."""
     if code in (ADD, SUB):

@@ -6,11 +6,11 @@ constants, then readings, then the operations. The sweeps over it are `sweeps`.
 
 import math
 from collections.abc import Iterable, Mapping
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
-from cpcal.common.values import Bools, Floats
+from cpcal.common.values import Bools, Floats, Shape
 from cpcal.solver.interval import IntervalArray
 from cpcal.solver.interval.kernels import check_rounding
 from cpcal.solver.interval.operations import ADD, CODES
@@ -29,21 +29,19 @@ class Tape:
     def __init__(self, network: ConstraintNetwork, roots: Iterable[Expr]) -> None:
         check_rounding()
         self.roots = tuple(roots)
-        writer = _Writer(network, self.roots)
-        self.readings = writer.readings
-        self.reading_slots = {leaf.digest: writer.slots[leaf.digest] for leaf in self.readings}
-        self._leaves = writer.leaves
-        self.sets = writer.leaves[writer.given - len(network.names) :]  # of all readings
-        self._slots = {root.digest: writer.slots[root.digest] for root in self.roots}
-        flat = np.concatenate([np.zeros(0, np.int32), *(self._slots[root.digest].ravel() for root in self.roots)])
-        program = Program(*writer.table(), flat, len(network.names), writer.given, writer.first)
-        used = sweeps.needed(program)
-        if not used.all():  # elements that no root takes: where they are defined restricts nothing
-            number = np.concatenate([np.arange(writer.first), writer.first + np.cumsum(used) - 1]).astype(np.int32)
-            code, arg, par = program.code[used], number[program.arg[used]], program.par[used]
-            program = program._replace(code=code, arg=arg, par=par, roots=number[flat])
-            self._slots = {digest: number[slots] for digest, slots in self._slots.items()}
-        self.program, self.size, self.count = program, program.size, len(flat)
+        nodes = topological(self.roots)
+        constants, self.readings = (tuple(node for node in nodes if node.op == op) for op in ("constant", "reading"))
+        order = (*network.variables, *constants, *self.readings, *(node for node in nodes if node.args))
+        number = {node.digest: k for k, node in enumerate(order)}
+        sizes = [sum(leaf.size for leaf in some) for some in (network.variables, constants, self.readings)]
+        form, taken = tuple(_form(node, number) for node in order), tuple(number[root.digest] for root in self.roots)
+        self.program, slots = _written(form, taken, tuple(np.cumsum(sizes).tolist()))
+        self._slots = {node.digest: own for node, own in zip(order, slots, strict=True)}
+        self.reading_slots = {leaf.digest: self._slots[leaf.digest] for leaf in self.readings}
+        sides = ([getattr(node.data, side).ravel() for node in order] for side in ("lo", "hi"))  # only leaves hold any
+        self._leaves = IntervalArray(*(np.concatenate([np.zeros(0), *side]) for side in sides))
+        self.size, self.count = self.program.size, len(self.program.roots)
+        self.sets = self._leaves[self.program.given - self.size :]  # of all readings
 
     def rows(self, expr: Expr) -> slice:
         """Where the elements of a root stand among those of all roots."""
@@ -118,10 +116,11 @@ class Tape:
 
     def continuous_rows(self, slots: IntervalArray) -> Bools:
         """Which of the roots' elements (K,) are continuous at all points that the slots (M,) enclose."""
-        out, operations = np.ones(self.count, np.bool_), self._continuity(slots)
-        if not operations.all():  # else nothing has to know what rows are computed from
-            sweeps.row_continuity(self.program, self.reach, operations, out)
-        return out
+        operations = self._continuity(slots)
+        if operations.all():  # nothing has to know what rows are computed from
+            return np.ones(self.count, bool)
+        defined = np.append(np.ones(self.program.first, bool), operations)[self.reach.order]
+        return np.logical_and.reduceat(defined, self.reach.start[:-1])
 
     @cached_property
     def middles(self) -> Floats:
@@ -161,26 +160,46 @@ class Tape:
         return IntervalArray(lo, hi)
 
 
-class _Writer:
-    """Writes expressions out; `slots` holds for every node, by its digest, the slots of its elements."""
+# ------------------------------------------------------------------------------------------------------------------
+# Writing expressions out. This takes as long as some sweeps and depends on no numbers: the legs of a campaign share it.
 
-    def __init__(self, network: ConstraintNetwork, roots: tuple[Expr, ...]) -> None:
-        nodes = topological(roots)
-        self.slots = dict[bytes, Places]()
-        self._next = 0
-        constants = [node for node in nodes if node.op == "constant"]
-        self.readings = tuple(node for node in nodes if node.op == "reading")
-        self.given = self._placed((*network.variables, *constants))
-        self.first = self._placed(self.readings)
-        data = [leaf.data for leaf in (*constants, *self.readings)]
-        bounds = ([values.lo for values in data], [values.hi for values in data])
-        self.leaves = IntervalArray(*(np.concatenate([np.zeros(0), *map(np.ravel, side)]) for side in bounds))
+_Form = tuple[str, Shape, int, bytes, tuple[int, ...]]  # operation, shape, parameter, what it picks, arguments
+
+
+def _form(node: Expr, number: Mapping[bytes, int]) -> _Form:
+    """All that a program takes of a node, its arguments by number."""
+    selects = node.op == "mul" and node.parameter == SELECTS
+    picked = np.broadcast_to(node.args[1].data.lo == 1.0, node.shape) if selects else node.places
+    args = tuple(number[arg.digest] for arg in node.args)
+    return "where" if selects else node.op, node.shape, node.parameter, picked.tobytes(), args
+
+
+@lru_cache(maxsize=32)  # a leg of uncertain readings has some twenty
+def _written(nodes: tuple[_Form, ...], roots: Shape, ends: Shape) -> tuple[Program, list[Places]]:
+    """The program, and of each node the slots of its elements. `ends`: of variables, constants, readings."""
+    writer = _Writer(nodes)
+    slots = writer.slots
+    flat = np.concatenate([np.zeros(0, np.int32), *(slots[root].ravel() for root in roots)])
+    program = Program(*writer.table(), flat, *ends)
+    used = sweeps.needed(program)
+    if not used.all():  # elements that no root takes: where they are defined restricts nothing
+        number = np.concatenate([np.arange(program.first), program.first + np.cumsum(used) - 1]).astype(np.int32)
+        code, arg, par = program.code[used], number[program.arg[used]], program.par[used]
+        program = program._replace(code=code, arg=arg, par=par, roots=number[flat])
+        slots = [number[own] for own in slots]
+    return program, slots
+
+
+class _Writer:
+    """Writes nodes out; `slots` holds for each the slots of its elements."""
+
+    def __init__(self, nodes: tuple[_Form, ...]) -> None:
+        self.slots, self._next = list[Places](), 0
         self._args = [np.zeros((0, 2), np.int32)]
         self._single = list[tuple[int, int]]()  # arguments of single operations after them
         self._kinds = [(0, 0, 0)]  # code, exponent, how many operations
-        for node in nodes:
-            if node.args:
-                self.slots[node.digest] = self._written(node, [self.slots[arg.digest] for arg in node.args])
+        for op, shape, parameter, picked, args in nodes:
+            self.slots.append(self._written(op, shape, parameter, picked, [self.slots[k] for k in args]))
 
     def table(self) -> tuple[Places, Places, Places]:
         """Codes, arguments and exponents."""
@@ -188,28 +207,24 @@ class _Writer:
         code, exponent, sizes = np.array(self._kinds, np.int32).T
         return np.repeat(code, sizes), np.concatenate(self._args), np.repeat(exponent, sizes)
 
-    def _placed(self, leaves: Iterable[Expr]) -> int:
-        """Slots for the elements of some leaves; the slot after them."""
-        for leaf in leaves:
-            start, self._next = self._next, self._next + leaf.size
-            self.slots[leaf.digest] = np.arange(start, self._next, dtype=np.int32).reshape(leaf.shape)
-        return self._next
-
-    def _written(self, node: Expr, args: list[Places]) -> Places:
-        if node.op == "index":
-            return np.asarray(args[0].ravel()[node.places])
-        if node.op == "mul" and node.parameter == SELECTS:
-            return np.where(node.args[1].data.lo == 1.0, *(np.broadcast_to(arg, node.shape) for arg in args))
-        if node.op == "sum":
-            terms = np.moveaxis(args[0], node.parameter, 0)
+    def _written(self, op: str, shape: Shape, parameter: int, picked: bytes, args: list[Places]) -> Places:
+        if not args:
+            start, self._next = self._next, self._next + math.prod(shape)
+            return np.arange(start, self._next, dtype=np.int32).reshape(shape)
+        if op == "index":
+            return np.asarray(args[0].ravel()[np.frombuffer(picked, np.intp)].reshape(shape))
+        if op == "sum":
+            terms = np.moveaxis(args[0], parameter, 0)
             while len(terms) > 1:  # as a tree: rounding errors grow with its depth
                 half = len(terms) // 2
                 paired = self._emitted(ADD, [terms[:half], terms[half : 2 * half]])
                 terms = np.concatenate([paired, terms[2 * half :]])
             return np.asarray(terms[0])
-        if node.shape:
-            args = [arg if arg.shape == node.shape else np.broadcast_to(arg, node.shape) for arg in args]
-        return self._emitted(CODES[node.op], args, node.parameter)
+        if shape:
+            args = [arg if arg.shape == shape else np.broadcast_to(arg, shape) for arg in args]
+        if op == "where":
+            return np.where(np.frombuffer(picked, bool).reshape(shape), *args)
+        return self._emitted(CODES[op], args, parameter)
 
     def _emitted(self, code: int, args: list[Places], parameter: int = 0) -> Places:
         """The slots of one operation on all elements. Many networks have thousands of single ones: no arrays then."""

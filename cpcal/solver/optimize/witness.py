@@ -20,14 +20,13 @@ from cpcal.solver.existence.unique import (
     ReadingConstraint,
     UniquenessProver,
     excess_for_some,
-    highest,
     reads,
     sides,
     upper_ends,
 )
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, one_sided_rows, rows_tape
-from cpcal.solver.network.expression import Expr, topological
+from cpcal.solver.network.expression import topological
 from cpcal.solver.network.rows import DecisiveReadings, Rows, shared_tape
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -186,37 +185,26 @@ class WitnessProver:
 
     def _excess(self, rows: _Rows, box: IntervalArray, point: Floats) -> tuple[float, bool]:
         """The worst row on a tiny box around the point; and whether one fails that the objective does not enter."""
-        values = box[None]
+        values, tape = box[None], rows.tape
         with np.errstate(all="ignore"):
-            plain, stuck = rows.worst(values)
-            if stuck or plain == np.inf:
+            slots = tape.forward(values)
+            if not tape.continuous(slots):
+                return np.inf, True
+            ends = upper_ends(tape.values(slots), tape.count)
+            worst, stuck = float(np.max(ends, initial=-np.inf)), bool((ends[~rows.mended] > 0.0).any())
+            if stuck or worst == np.inf:
                 return np.inf, stuck
-            return max(plain, excess_for_some(self.reading, values, point)), False
+            return max(worst, excess_for_some(self.reading, values, point)), False
 
 
 class _Rows:
-    """Constraints without readings as rows `r <= 0`: those that the objective enters, and the others."""
+    """Constraints without readings as rows `r <= 0`, and which of their elements the objective may mend."""
 
     def __init__(self, network: ConstraintNetwork, objective: int) -> None:
-        groups: tuple[list[Expr], list[Expr]] = ([], [])
         each = zip(network.constraints, sides(network), _entered(network, objective), strict=True)
-        for constraint, own, mended in each:
-            groups[mended].extend([] if reads(constraint) else own)
-        self._tapes = [shared_tape(network, group) if group else None for group in groups]
-
-    def worst(self, box: IntervalArray) -> tuple[float, bool]:
-        """The worst row on a box (1, n), and whether it is one that no objective mends."""
-        worst = -np.inf
-        for tape, mended in zip(self._tapes, (False, True), strict=True):
-            if tape is None:
-                continue
-            slots = tape.forward(box)
-            if not tape.continuous(slots):
-                return np.inf, True
-            worst = max(worst, highest(tape.values(slots)))
-            if worst > 0.0 and not mended:
-                return worst, True
-        return worst, False
+        rows = [(row, mended) for constraint, own, mended in each if not reads(constraint) for row in own]
+        self.tape = shared_tape(network, [row for row, _ in rows])
+        self.mended = np.concatenate([np.zeros(0, bool), *(np.full(row.size, mended) for row, mended in rows)])
 
 
 # ------------------------------------------------------------------------------------------------------------------
