@@ -44,20 +44,18 @@ def float_rows(legs: Sequence[LegConstraint], side: str) -> list[FloatRow]:
 
 def best_signs(legs: Sequence[LegConstraint], side: str) -> list[str]:
     """The reference readings that cost least, by the range over the box of the derivative by each reading: `legs` are
-    at the centres of the sets, and have one formula."""
+    at the centres of the sets, and have one formula.
+
+    At an end a reading costs what the row may fall from there, at the centre half of it.
+    """
     plan = _plan(legs[0].model, legs[0].m.uncertain, side)
     chosen = np.flatnonzero(plan.linear >= 0)
     values, alone = plan.swept(legs)[0].T[chosen], plan.alone[chosen, None]
     low, high = np.zeros((2, READINGS, len(legs)))
     np.add.at(low, plan.linear[chosen], np.where(alone, values, -np.abs(values)))
     np.add.at(high, plan.linear[chosen], np.where(alone, values, np.abs(values)))
-    return ["".join(map(_cheapest, *ends)) for ends in zip(low.T.tolist(), high.T.tolist(), strict=True)]
-
-
-def _cheapest(low: float, high: float) -> str:
-    """At an end it costs what the row may fall from there, at the centre half of it."""
-    choices = ((max(-low, high), "0"), (2 * max(0, -low), "-"), (2 * max(0, high), "+"))
-    return min(choices, key=lambda choice: choice[0])[1]
+    costs = np.maximum(-low, high), 2.0 * np.maximum(-low, 0.0), 2.0 * np.maximum(high, 0.0)
+    return ["".join(["0-+"[k] for k in row]) for row in np.argmin(costs, axis=0).T.tolist()]
 
 
 class _Plan(NamedTuple):
@@ -276,10 +274,12 @@ class FloatRule:
                 own = [n for n, leg in legs.items() if self._table[n][0] == side and leg.m.uncertain is reads]
                 if own:
                     swept += zip(own, float_rows([legs[n] for n in own], side), strict=True)
-        others = [n for n in new if n not in legs]
+        others, columns = [n for n in new if n not in legs], dict[Places, Indices]()
         self._rule.form(others)
         for n, row in [*swept, *((n, _rounded(self._rule.row[n])) for n in others)]:
-            self._rows[n] = np.array([self._column(m) for m in row.monomials], np.intp), row.values, row.error
+            if row.monomials not in columns:
+                columns[row.monomials] = np.array([self._column(m) for m in row.monomials], np.intp)
+            self._rows[n] = columns[row.monomials], row.values, row.error
 
     def _leg(self, n: int) -> LegConstraint | None:
         """The constraint of a row that can be swept in float64."""

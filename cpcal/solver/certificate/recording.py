@@ -155,12 +155,13 @@ class Recording(AbstractContextManager["Recording"]):
         last = max((json.loads(one["step"])[-1].get("as", 0) for one in steps[1:]), default=0)
         self.restore([*steps, {"step": line([None, {"same": last, "as": 0}])}])
 
-    def _useful_steps(self, cap: float | None) -> Iterator[Line]:
-        """The steps on boxes that reach down to `cap`, their boxes named in order."""
+    def _useful_steps(self, cap: float | None) -> Iterator[str]:
+        """The steps on boxes that reach down to `cap`, their boxes named in order; rows and weights as they stand."""
         names, fresh = {0: 0}, 1  # of the boxes that are open
         self._steps.seek(0)
         for text in self._steps:
-            lowest, step = json.loads(text)
+            head, rows, rest = text.partition(',"rows":')
+            lowest, step = json.loads(f"{head}}}]" if rows else head)
             kind = next(word for word in ("pass", "exclude", "split", "same") if word in step)
             name = names.get(step[kind]) if kind == "pass" else names.pop(step[kind], None)
             if kind == "same" and name is not None:
@@ -173,7 +174,8 @@ class Recording(AbstractContextManager["Recording"]):
             if kind == "split":
                 names |= dict(zip(step["into"], (fresh, fresh + 1), strict=True))
                 step["into"], fresh = [fresh, fresh + 1], fresh + 2
-            yield step
+            said = line(step)
+            yield f"{said[:-2]}{rows}{rest[:-2]}\n" if rows else said  # each is closed by a bracket and the line's end
 
     def content(self, name: str, claims: Claims) -> bytes:
         """The certificate, for a file of that name. Raises UncheckableError where the checker would refuse it,
@@ -186,7 +188,7 @@ class Recording(AbstractContextManager["Recording"]):
         cap, whole = None if claims["cap"] is None else float.fromhex(claims["cap"]), BytesIO()
         whole.writelines(line(first).encode() for first in self._statement.header(self._domain))
         whole.write(line(claims).encode())
-        whole.writelines(line(step).encode() for step in self._useful_steps(cap))
+        whole.writelines(map(str.encode, self._useful_steps(cap)))
         check_affordable(name, whole, self.problem, self._domain, claims)
         return whole.getvalue()
 
