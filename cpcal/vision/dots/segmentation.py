@@ -103,22 +103,23 @@ _TURN, _ALONE = 8, 20  # steps of one time around; of a pixel without neighbours
 @compiled
 def ellipses(mask: Grey8, out: Floats) -> int:
     """The regions of a mask that are elliptic and clear of its border, how many: their centres x and y, pixels, and
-    second moments xx, xy, xy, yy, px^2, into the rows of `out` as long as there are any.
+    second moments xx, xy, xy, yy, px^2, into the rows of `out`. None where more walks begin than there are rows.
 
     A region is followed around from its first pixel, the leftmost of the uppermost row. The walk begins at each pixel
     with none above and none to the left, and ends where it comes upon an earlier one, upon the border, or after
     `_LONGEST` steps. So nothing need be marked or kept.
     """
-    count, first = 0, np.zeros(mask.shape[1] // 8 * 8 + 8, np.bool_)
+    count, begun, first = 0, 0, np.zeros(mask.shape[1] // 8 * 8 + 8, np.bool_)
     for y in range(1, len(mask) - 1):
         row, above = mask[y], mask[y - 1]
         for x in range(1, len(row) - 1):
             first[x] = row[x] > (row[x - 1] | above[x - 1] | above[x] | above[x + 1])
         for word in np.flatnonzero(first.view(np.int64)):
             for x in range(8 * word, 8 * word + 8):
-                if first[x] and count < len(out) and _followed(mask, x, y, out[count]):
+                begun += first[x]
+                if first[x] and begun <= len(out) and _followed(mask, x, y, out[count]):
                     count += 1
-    return count
+    return count if begun <= len(out) else 0
 
 
 @compiled
@@ -175,7 +176,7 @@ _NEXT_SIZE = 1.25  # ratio between these and other spots that are looked at by t
 _SIZES, _MANY = 3, 12  # so many sizes at most, of so many spots at least
 _ALIKE = 2.5  # ratio of a spot's size to the usual one, or its inverse
 _SMALLEST = 8  # pixels, sides of an image with dots
-_MOST_SPOTS = 300_000  # more than of any target: then there are none
+_MOST_SPOTS = 300_000  # places where regions may begin: no target has more
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,7 +282,7 @@ def _standing_out(image: Grey8, mean: Grey8, least: float, bright: bool, usual: 
     cv2 = opencv()
     excess = cv2.subtract(image, mean, dst=mean) if bright else cv2.subtract(mean, image, dst=mean)
     mask, found = cv2.threshold(excess, least, 1.0, cv2.THRESH_BINARY, dst=mean)[1], np.empty((_MOST_SPOTS, 6))
-    found = found[: ellipses(mask, found) % _MOST_SPOTS]
+    found = found[: ellipses(mask, found)]
     every = Spots(found[:, :2], found[:, 2:].reshape(-1, 2, 2), bright)
     keep = every.radius < _LARGEST
     if usual is not None:
