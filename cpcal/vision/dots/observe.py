@@ -113,10 +113,11 @@ def fitted_under(grey: Grey, found: Spots, gap: Floats, light: Floats, left: flo
     """The fits of spots under the light of all, or under one of their own; `light` and what it leaves are those of
     `light_growth`."""
     room = np.clip(_ROOM * gap, _LEAST_ROOM, OUTSIDE)  # pixels beyond its edge that are a dot's own
-    each_alone = partial(fitted_edges, grey, found.center, found.spread, room, np.zeros((len(found), 2)), LINEAR)
+    fitted_with = partial(fitted_edges, grey, found.center, found.spread, room)
+    each_alone = partial(fitted_with, np.zeros((len(found), 2)), LINEAR)
     if np.isnan(light).any():
         return each_alone()
-    edges = fitted_edges(grey, found.center, found.spread, room, light)
+    edges = fitted_with(light)
     fitted = ~np.isnan(edges.noise)
     if not fitted.any():
         return edges
@@ -125,7 +126,7 @@ def fitted_under(grey: Grey, found: Spots, gap: Floats, light: Floats, left: flo
         dim = edges.contrast * np.exp(-0.5 * square / wide) * (1.0 + (square / wide - 2.0) / (3.0 * wide))
         if np.ptp(dim[fitted]) > _DIM * median(edges.contrast[fitted]):
             light, left = light_growth(grey, found, gap, np.nan_to_num(dim))
-            edges = fitted_edges(grey, found.center, found.spread, room, light)
+            edges = fitted_with(light)
             fitted = ~np.isnan(edges.noise)
             if not fitted.any():
                 return edges
@@ -268,7 +269,7 @@ def refitted(image: object, dots: Dots, members: AnyArray) -> Dots:
         grey = halved(grey)
     light, left = light_growth(grey, found, gap)
     change = np.abs(light - dots.light[members])
-    if not len(members) or np.isnan(light).any() or (change < _SAME_LIGHT).all():
+    if np.isnan(light).any() or (change < _SAME_LIGHT).all():
         return dots
     edges = fitted_under(grey, found, gap, light, left)
     fine = ~np.isnan(edges.noise)

@@ -156,8 +156,7 @@ def _followed(mask: Grey8, x: int, y: int, out: Floats) -> bool:
     # the polygon runs through the centres of pixels: the region reaches half a pixel farther in every direction
     more = 0.0625 + 0.25 * (short + long)
     out[0], out[1], out[2], out[3], out[4], out[5] = x + u, y + v, xx + more, xy, xy, yy + more
-    elliptic: bool = area > _ELLIPTIC * 8.0 * np.pi * short * long and 0.25 + short > _SLIMMEST * (0.25 + long)
-    return elliptic
+    return bool(area > _ELLIPTIC * 8.0 * np.pi * short * long and 0.25 + short > _SLIMMEST * (0.25 + long))
 
 
 Image = TypeVar("Image", bound=AnyArray)
@@ -279,9 +278,8 @@ def halved(image: Image) -> Image:
 def _standing_out(image: Grey8, mean: Grey8, least: float, bright: bool, usual: float | None = None) -> Spots:
     """The elliptic regions of about the `usual` radius (left out: of any) that are at least `least` brighter
     (or darker) than the mean around. The mean is used up: fresh memory would take longer than the threshold."""
-    cv2 = opencv()
-    excess = cv2.subtract(image, mean, dst=mean) if bright else cv2.subtract(mean, image, dst=mean)
-    mask, found = cv2.threshold(excess, least, 1.0, cv2.THRESH_BINARY, dst=mean)[1], np.empty((_MOST_SPOTS, 6))
+    cv2, found, pair = opencv(), np.empty((_MOST_SPOTS, 6)), (image, mean) if bright else (mean, image)
+    mask = cv2.threshold(cv2.subtract(*pair, dst=mean), least, 1.0, cv2.THRESH_BINARY, dst=mean)[1]
     found = found[: ellipses(mask, found)]
     every = Spots(found[:, :2], found[:, 2:].reshape(-1, 2, 2), bright)
     keep = every.radius < _LARGEST
