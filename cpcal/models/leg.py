@@ -121,9 +121,8 @@ class LegModel:
 
     def _of(self, what: str, function: Term, measured: Measured, extra: Parameters) -> Expr:
         """What the model's function gives, if it is an expression for each measurement. Raises ModelError."""
-        found = function(measured, extra)
-        if not isinstance(found, Expr) or found.shape not in ((), measured.length.shape):
-            shape = measured.length.shape
+        found, shape = function(measured, extra), measured.length.shape
+        if not isinstance(found, Expr) or found.shape not in ((), shape):
             raise ModelError(f"{what} of the model {self.name!r} must give an expression of shape {shape} or ()")
         return found
 

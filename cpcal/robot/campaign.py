@@ -496,7 +496,7 @@ class LegEquations:
 
     def weighted_by_parameters(self, weight: Floats, x: Floats) -> Floats:
         """d(W_k g_k)/dx of all measurements, (N n, 7 n), for weights W (N, n, n): rows by measurement, then leg."""
-        product = weight[..., None] * self.by_parameters(x)[:, None, :, :]
+        product = weight[..., None] * self.by_parameters(x)[:, None]
         return product.reshape(self.length.size, x.size)
 
     def by_pose(self, x: Floats) -> Floats:

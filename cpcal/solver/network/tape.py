@@ -106,8 +106,8 @@ class Tape:
         return IntervalArray(*left)
 
     def continuous(self, slots: IntervalArray) -> bool:
-        """Whether every operation is defined and continuous at all points that the slots (B, M) enclose."""
-        return all(self._continuity(slots[k]).all() for k in range(slots.shape[0]))
+        """Whether every operation is defined and continuous at all points that the slots (1, M) enclose."""
+        return bool(self._continuity(slots[0]).all())
 
     def _continuity(self, slots: IntervalArray) -> Bools:
         out = np.empty(len(self.program.code), np.bool_)

@@ -304,7 +304,7 @@ class Incumbent:
     @property
     def floor(self) -> float:
         """The second-order effect of the readings at it (0 without one)."""
-        if self.witness is None or not any(map(reads, self._prepared.network.constraints)):
+        if self.witness is None:
             return 0.0
         return self._prepared.rows.second_order(self.witness.point)
 
