@@ -472,17 +472,21 @@ class ExactCampaign:
             raise Refused("it is nested too deeply")
         if isinstance(data["robot"], dict):
             self.robot = data["robot"].get("name")
+        stated, widths = list[Any](), list[float]()  # of the row before: most rows have the same half-widths
         for cells in map(array, array(data["measurements"])):
             self.legs = self.legs or (len(cells) - 15) // 2
             if self.legs < 1 or len(cells) != 15 + 2 * self.legs:
                 raise Refused(f"a list of {15 + 2 * max(self.legs, 1)} is needed here")
-            name, numbers = f"{text(cells[0])}/{text(cells[1])}", decimals(cells[2:])
-            if not any(numbers[3:7]) or min(numbers[7 + self.legs :]) < 0:
+            name, numbers = f"{text(cells[0])}/{text(cells[1])}", decimals(cells[2 : 9 + self.legs])
+            if stated != cells[9 + self.legs :]:
+                stated = cells[9 + self.legs :]
+                widths = decimals(stated)
+            if not any(numbers[3:7]) or min(widths) < 0:
                 raise Refused("a measurement has a quaternion that is no rotation, or a negative half-width")
-            if self.place.setdefault(name, len(self.place)) * len(numbers) < len(self._numbers):
+            if self.place.setdefault(name, len(self.place)) * (len(cells) - 2) < len(self._numbers):
                 raise Refused(f"two measurements have the name {shown(name)}")
-            self.exact = self.exact and not any(numbers[7 + self.legs :])
-            self._numbers.extend(numbers)
+            self.exact = self.exact and not any(widths)
+            self._numbers.extend(numbers + widths)
         if not self.place:
             raise Refused("it lacks measurements")
 
