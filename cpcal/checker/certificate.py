@@ -343,10 +343,9 @@ class _Check:
             self._step(step)
         for name, box in self.open.items():
             self._concluded(name, box)
-        p, about = self.problem, header.get("about", "")
         return Accepted(
-            header=header, leg=header.get("leg"), model=p.model, about=about, campaign=header.get("campaign"),
-            unknowns=p.unknowns, objective=p.objective, count=p.count, chosen=p.chosen,
+            header=header, leg=header.get("leg"), model=p.model, about=header.get("about", ""),
+            campaign=header.get("campaign"), unknowns=p.unknowns, objective=p.objective, count=p.count, chosen=p.chosen,
             lo=self.root.lo, hi=self.root.hi, claims=self.claims, used=frozenset(self.used), steps=self.steps,
             last=self.last, forms=p.forms,
         )  # fmt: skip

@@ -303,7 +303,8 @@ class Rule:
                 raise too_many(MOST_HELD, "terms of rows in a step")
 
     def aggregate(self, weights: Weights, *more: Polynomial) -> Polynomial:
-        """At most zero at every solution in the box: weighted rows, less weighted products and squares; and `more`."""
+        """At most zero at every solution in the box: weighted rows, less weighted products and squares; and `more`
+        times the power of two of the rows' weights."""
         of_rows, of_products, of_tangents = weights.exponents
         spend, u, linear, products = self.x.spend, self._u, [0] * len(self.x), {0: 0}
         spend(len(weights.products) * (20 + len(self.x) // 20) + 100 * len(weights.tangents))
@@ -327,7 +328,7 @@ class Rule:
         beside = (
             Polynomial(products, of_products - of_rows, spend),
             Polynomial(squares, of_tangents - 2 * power - of_rows, spend),
-            *(p.times(1, -of_rows) for p in more),
+            *more,
         )
         return combined([*rows, *((1, p) for p in beside)], spend).times(1, of_rows)
 
@@ -338,7 +339,7 @@ class Rule:
     def bound(self, i: int, side: str, weights: Weights) -> F:
         """Every solution in the box has x_i at least ("lo") or at most ("hi") this, as aggregate <= 0 there."""
         sign = 1 if side == "lo" else -1
-        u = Polynomial({unknown(i): sign}, 0, self.x.spend)
+        u = Polynomial({self._u[i]: sign}, -weights.exponents[0], self.x.spend)
         return self.x.center(i) + sign * self.x.radius(i) * self._least(self.aggregate(weights, u))
 
     def _least(self, p: Polynomial) -> F:

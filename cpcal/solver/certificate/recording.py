@@ -172,8 +172,9 @@ class Recording(AbstractContextManager["Recording"]):
             if cap is not None and step.get("cap") is not None and float.fromhex(step["cap"]) < cap:
                 step["cap"] = number(cap)  # of a box whose objective was proved to be lower
             if kind == "split":
-                names |= dict(zip(step["into"], (fresh, fresh + 1), strict=True))
-                step["into"], fresh = [fresh, fresh + 1], fresh + 2
+                into = [fresh, fresh + 1]
+                names |= zip(step["into"], into, strict=True)
+                step["into"], fresh = into, fresh + 2
             said = line(step)
             yield f"{said[:-2]}{rows}{rest[:-2]}\n" if rows else said  # each is closed by a bracket and the line's end
 
