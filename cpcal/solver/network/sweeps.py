@@ -207,15 +207,11 @@ def reached(p: Program) -> tuple[Places, Places]:
                 below = p.arg[k - p.first, side]
                 if seen[below] != r and not is_constant(p, below):
                     seen[below] = r
-                    place, tail = tail, tail + 1
-                    while queue[place - 1] < below:  # the queue is in the order wanted
-                        queue[place] = queue[place - 1]
-                        place -= 1
-                    queue[place] = below
+                    queue[tail], tail = below, tail + 1
         start[r + 1] = start[r] + tail
         if start[r + 1] > len(order):
             order = np.append(order, order)  # there is room now, whatever it holds
-        order[start[r] : start[r + 1]] = queue[:tail]
+        order[start[r] : start[r + 1]] = -np.sort(-queue[:tail])
     return start, order[: start[-1]].copy()
 
 
