@@ -145,8 +145,7 @@ def limited(monkeypatch, work):
 def test_the_result_says_not_certified_instead(campaign, tmp_path, monkeypatch, method):
     options = {"legs": [1], "delta": 0.5, "method": method, "time_limit": 5.0 if method == "timeout" else None}
     limited(monkeypatch, LOW)
-    result = cpcal.certify(campaign, certificates=tmp_path, **options)
-    leg = result.legs[0]
+    leg = cpcal.certify(campaign, certificates=tmp_path, **options).legs[0]
     assert leg.not_certified is Uncertified.UNCHECKABLE
     assert not leg.certified
     assert leg.bracket.hi < float("inf")
@@ -154,20 +153,21 @@ def test_the_result_says_not_certified_instead(campaign, tmp_path, monkeypatch, 
 
 
 def test_the_limit_is_that_of_the_checker(campaign, tmp_path, monkeypatch):
-    """What is written the checker affords; of a point the writer counts every measurement as if it were in doubt."""
+    """What is written the checker affords, down to the last unit of work; it spends less on a point without doubts."""
     whole = cpcal.certify(campaign, legs=[1], delta=0.5, certificates=tmp_path / "whole").legs[0]
     budget = Budget(WORK)
     check(tmp_path / "whole" / whole.bracket.certificate, work=budget)
-    spent = WORK - budget.left
-    for work, certified in ((spent + 12 * 600, True), (spent - 1, False)):
+    counted = Budget(near := 2 * (WORK - budget.left))  # so little that the writer counts
+    monkeypatch.setattr(recording, "Budget", lambda most: counted if most == near else Budget(most))
+    limited(monkeypatch, near)
+    cpcal.certify(campaign, legs=[1], delta=0.5, certificates=tmp_path / "near")
+    spent = near - counted.left
+    assert WORK - budget.left <= spent
+    for work, certified in ((spent, True), (spent - 1, False)):
         limited(monkeypatch, work)
         leg = cpcal.certify(campaign, legs=[1], delta=0.5, certificates=tmp_path / str(work)).legs[0]
         assert leg.certified is certified
-        assert (leg.bracket.lo, leg.bracket.hi, leg.bracket.point) == (
-            whole.bracket.lo,
-            whole.bracket.hi,
-            whole.bracket.point,
-        )
+        assert all(getattr(leg.bracket, at) == getattr(whole.bracket, at) for at in ("lo", "hi", "point"))
 
 
 def test_a_robust_bound_without_one_of_its_proofs_is_not_certified(campaign, tmp_path, monkeypatch):
